@@ -1,0 +1,1 @@
+"""cad (see docs/design.md)."""

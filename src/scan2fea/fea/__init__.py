@@ -1,0 +1,1 @@
+"""fea (see docs/design.md)."""

@@ -1,0 +1,1 @@
+"""filtering (see docs/design.md)."""

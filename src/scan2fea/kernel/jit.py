@@ -1,0 +1,16 @@
+"""Numba with types that mypy can follow; compiled code is cached on disk."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ParamSpec, TypeVar, cast
+
+import numba
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def jit(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile for one thread, without fast-math: the same bytes on every run."""
+    return cast("Callable[P, R]", numba.njit(cache=True, nogil=True)(function))

@@ -1,0 +1,1 @@
+"""reconstruction (see docs/design.md)."""

@@ -1,0 +1,1 @@
+"""remeshing (see docs/design.md)."""

@@ -1,0 +1,1 @@
+"""segmentation (see docs/design.md)."""

@@ -1,0 +1,1 @@
+"""tetmeshing (see docs/design.md)."""

@@ -1,0 +1,303 @@
+"""The values that travel between stages. Frozen; arrays are read-only; everything is SI.
+
+Each value is a dataclass of arrays, numbers, strings and other values of this file, so that `io.artifacts` can write every one of
+them to disk and read it back bit for bit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from scan2fea.errors import InternalError
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+ByteArray = npt.NDArray[np.uint8]
+
+MEASURED, INTERPOLATED, INVENTED = 0, 1, 2  # values of TriangleMesh.face_origin
+
+
+class Value:
+    """Base of the values: its arrays become read-only views, and arrays that share an axis must agree in length."""
+
+    _ROWS: tuple[tuple[str, ...], ...] = ()  # groups of field names whose arrays have the same number of rows
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                view = np.ascontiguousarray(value).view()
+                view.flags.writeable = False
+                object.__setattr__(self, field.name, view)
+        for group in self._ROWS:
+            rows = {name: len(getattr(self, name)) for name in group if getattr(self, name) is not None}
+            if len(set(rows.values())) > 1:
+                raise InternalError(f"{type(self).__name__}: numbers of rows differ: {rows}")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PointCloud(Value):
+    """n points in one frame of reference.
+
+    points : (n, 3) float64, metres.
+    ray : (n,) int64, row in the Rays that stand beside the cloud, -1 where the sensor is not known.
+    frame : (n,) int64, number of the input the point came from.
+    raw_index : (n,) int64, row in that input as it lies in the file.
+    normals : (n, 3) float64, unit, outward, or None.
+    sigma_along_m, sigma_across_m : (n,) float64, standard deviation along and across the ray, or None where not stated.
+    is_inferred : (n,) bool, True where the point was not measured but put there by a stage; or None (all measured).
+    colour : (n, 3) uint8 or None.   intensity : (n,) float64 or None.   label : (n,) int64, labels the file gave, or None.
+    """
+
+    points: FloatArray
+    ray: IntArray
+    frame: IntArray
+    raw_index: IntArray
+    normals: FloatArray | None = None
+    sigma_along_m: FloatArray | None = None
+    sigma_across_m: FloatArray | None = None
+    is_inferred: BoolArray | None = None
+    colour: ByteArray | None = None
+    intensity: FloatArray | None = None
+    label: IntArray | None = None
+
+    _ROWS = (
+        ("points", "ray", "frame", "raw_index", "normals", "sigma_along_m", "sigma_across_m", "is_inferred", "colour", "intensity", "label"),
+    )
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @classmethod
+    def of(cls, points: npt.ArrayLike, **columns: Any) -> PointCloud:
+        """A cloud of bare points: no rays, input 0, rows numbered in order; `columns` replaces any field."""
+        xyz = np.asarray(points, float).reshape(-1, 3)
+        n = len(xyz)
+        base: dict[str, Any] = {"ray": np.full(n, -1, np.int64), "frame": np.zeros(n, np.int64), "raw_index": np.arange(n, dtype=np.int64)}
+        return cls(points=xyz, **{**base, **columns})
+
+    def take(self, rows: BoolArray | IntArray) -> PointCloud:
+        """The cloud of the given rows (a mask or indices), in their order."""
+        columns: dict[str, Any] = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        taken: dict[str, Any] = {name: None if column is None else column[rows] for name, column in columns.items()}
+        return PointCloud(**taken)
+
+    def replaced(self, **columns: Any) -> PointCloud:
+        """The cloud with some columns replaced."""
+        return dataclasses.replace(self, **columns)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Rays(Value):
+    """m rays of the sensors. Filters and segmentation never touch them: what a ray has seen empty stays seen.
+
+    origin : (m, 3) metres.   direction : (m, 3) unit.   range_m : (m,), nan where nothing came back (a miss).
+    time_s : (m,) or None.   ring : (m,) int64 or None.   footprint_rad : (m,) full opening of the beam, or None.
+    """
+
+    origin: FloatArray
+    direction: FloatArray
+    range_m: FloatArray
+    time_s: FloatArray | None = None
+    ring: IntArray | None = None
+    footprint_rad: FloatArray | None = None
+
+    _ROWS = (("origin", "direction", "range_m", "time_s", "ring", "footprint_rad"),)
+
+    def __len__(self) -> int:
+        return len(self.origin)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scan(Value):
+    """A cloud and the rays its column `ray` points into."""
+
+    cloud: PointCloud
+    rays: Rays | None = None
+
+    def sensors(self) -> FloatArray:
+        """(n, 3) where each point was seen from; nan where that is not known."""
+        position = np.full((len(self.cloud), 3), np.nan)
+        if self.rays is not None:
+            known = self.cloud.ray >= 0
+            position[known] = self.rays.origin[self.cloud.ray[known]]
+        return position
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Trajectory(Value):
+    """k poses. T_world_frame : (k, 4, 4).   placed : (k,) bool, False where the frame was left out.   time_s : (k,) or None."""
+
+    T_world_frame: FloatArray
+    placed: BoolArray
+    time_s: FloatArray | None = None
+
+    _ROWS = (("T_world_frame", "placed", "time_s"),)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Segments(Value):
+    """One label per point of the segmented cloud.
+
+    labels : (n,) int64; -1 is "no object". kinds : kind of label 0, 1, ...: "object", "support" (floor, table top, wall), "clutter".
+    how : what the method decided from the data, for the report (radius_m, n_planes, ...).
+    """
+
+    labels: IntArray
+    kinds: tuple[str, ...]
+    how: Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TriangleMesh(Value):
+    """Triangles, counter-clockwise seen from outside.
+
+    vertices : (n, 3) metres.   faces : (m, 3) int64.
+    face_origin : (m,) int64, MEASURED, INTERPOLATED or INVENTED; or None where not yet known.
+    face_region : (m,) int64, number of the smooth region (true plane, ...) the face lies on, -1 free form; or None.
+    deviation_m : (n,) signed distance of the nearest points from the vertex, along its outward normal; or None.
+    """
+
+    vertices: FloatArray
+    faces: IntArray
+    face_origin: IntArray | None = None
+    face_region: IntArray | None = None
+    deviation_m: FloatArray | None = None
+
+    _ROWS = (("vertices", "deviation_m"), ("faces", "face_origin", "face_region"))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TetMesh(Value):
+    """Tetrahedra of positive volume.
+
+    nodes : (n, 3) metres.   tets : (m, 4) or (m, 10) int64, VTK order (mid nodes of edges 01 12 02 03 13 23).
+    boundary : (k, 3) or (k, 6) int64, outward, mid nodes of edges 01 12 02.
+    face_tag : (k,) int64, index into face_names: the CAD face each boundary triangle lies on.
+    """
+
+    nodes: FloatArray
+    tets: IntArray
+    boundary: IntArray
+    face_tag: IntArray
+    face_names: tuple[str, ...]
+
+    _ROWS = (("boundary", "face_tag"),)
+
+    @property
+    def order(self) -> int:
+        return 1 if self.tets.shape[1] == 4 else 2
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Brep(Value):
+    """A CAD solid as STEP text (AP214, millimetres) and what it holds; never a library's live object.
+
+    face_names, face_kinds ("plane", "cylinder", "facet", ...): one per B-Rep face, in the order of the STEP file.
+    region_of_face : (f,) int64, the face_region of the surface it was made from, -1 for a single facet.
+    facet_of_face : (f,) int64, the surface face a single facet stands for, -1 otherwise.
+    """
+
+    step: str
+    face_names: tuple[str, ...]
+    face_kinds: tuple[str, ...]
+    region_of_face: IntArray
+    facet_of_face: IntArray
+    volume_m3: float
+    area_m2: float
+    is_valid: bool
+    n_solids: int
+    n_free_edges: int
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Section(Value):
+    """A plane cross-section. loops : closed polygons, (k, 2) each, outer counter-clockwise, holes clockwise."""
+
+    family: str
+    loops: tuple[FloatArray, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Material(Value):
+    """Linear elastic. youngs_pa, density_kg_m3, yield_pa in SI; source names the standard."""
+
+    name: str
+    youngs_pa: float
+    poisson: float
+    density_kg_m3: float
+    yield_pa: float | None
+    source: str
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FEModel(Value):
+    """A mesh with a material, a support and loads.
+
+    node_sets : name -> (k,) int64 node numbers from 0.   support : name of the node set held in x, y and z.
+    acceleration_m_s2 : (3,) of the self weight.
+    """
+
+    mesh: TetMesh
+    material: Material
+    node_sets: Mapping[str, IntArray]
+    support: str
+    acceleration_m_s2: FloatArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class CaseResult(Value):
+    """One figure of one load case; `expected` and `relative_error` are None where no independent figure exists."""
+
+    name: str
+    measure: str
+    unit: str
+    value: float
+    expected: float | None = None
+    relative_error: float | None = None
+    std: float | None = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FEResult(Value):
+    """What the solver found.
+
+    displacement_m : (n, 3) of the self-weight case.   mode_shapes : (k, n, 3), scaled to a largest displacement of 1.
+    frequencies_hz : (6 + k,) the rigid-body modes first, as computed.   reaction_n : (3,).   applied_n : (3,).
+    """
+
+    cases: tuple[CaseResult, ...]
+    displacement_m: FloatArray
+    mode_shapes: FloatArray
+    frequencies_hz: FloatArray
+    reaction_n: FloatArray
+    applied_n: FloatArray
+    n_dof: int
+    solver: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check(Value):
+    """One thing that must hold. `says` is the failure in words a user can act on; it is read only where `passed` is False."""
+
+    name: str
+    value: float | bool | str | None
+    limit: float | bool | str | None
+    unit: str
+    passed: bool
+    says: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Route(Value):
+    """How an object becomes a solid, and why."""
+
+    name: Literal["estimation", "reconstruction"]
+    reason: str

@@ -100,7 +100,7 @@ def _build(moved: FloatArray, rng: np.random.Generator) -> Tetrahedralisation | 
         neighbors=neighbors,
         circumcentre=radius_centre / scale + centre,
         circumradius=radius / scale,
-        is_box=(tets >= len(moved)).any(axis=1),
+        is_box=np.asarray((tets >= len(moved)).any(axis=1)),
     )
 
 
@@ -121,7 +121,7 @@ def _triple(points: FloatArray, a: int, b: int, c: int, d: int) -> float:
     ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
     vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
     wx, wy, wz = points[d, 0] - points[a, 0], points[d, 1] - points[a, 1], points[d, 2] - points[a, 2]
-    return (uy * vz - uz * vy) * wx + (uz * vx - ux * vz) * wy + (ux * vy - uy * vx) * wz
+    return float((uy * vz - uz * vy) * wx + (uz * vx - ux * vz) * wy + (ux * vy - uy * vx) * wz)
 
 
 @jit
@@ -153,8 +153,9 @@ def _orient(points: FloatArray, tets: IntArray, neighbors: IntArray) -> bool:
 
 
 @jit
-def _slopes(points: FloatArray, tets: IntArray, t: int, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, out: FloatArray) -> None:
-    """out[i] = barycentric coordinate i of o in tet t, out[4 + i] = its change per unit of the way along d; both times 6 volumes."""
+def _slopes(points: FloatArray, tets: IntArray, t: int, ray: FloatArray, out: FloatArray) -> None:
+    """out[i]: barycentric coordinate i of the origin ray[:3] in tet t; out[4 + i]: its change per metre along ray[3:]; both times 6 volumes."""
+    ox, oy, oz, dx, dy, dz = ray[0], ray[1], ray[2], ray[3], ray[4], ray[5]
     for i in range(4):
         a, b, c = tets[t, FACETS[i, 0]], tets[t, FACETS[i, 1]], tets[t, FACETS[i, 2]]
         ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
@@ -167,13 +168,13 @@ def _slopes(points: FloatArray, tets: IntArray, t: int, ox: float, oy: float, oz
 
 @jit
 def start_tet(
-    points: FloatArray, tets: IntArray, first: IntArray, incident: IntArray, v: int, dx: float, dy: float, dz: float, work: FloatArray
+    points: FloatArray, tets: IntArray, first: IntArray, incident: IntArray, v: int, ray: FloatArray, work: FloatArray
 ) -> tuple[int, int, float]:
-    """Leaving vertex v along d: (tet, facet it is left through, distance); the tet with the largest smallest coordinate of d."""
+    """The ray leaves vertex v: (tet, facet it is left through, distance); the tet with the largest smallest coordinate of its direction."""
     best, best_tet, best_facet, best_s = -np.inf, -1, -1, 0.0
     for k in range(first[v], first[v + 1]):
         t = incident[k]
-        _slopes(points, tets, t, points[v, 0], points[v, 1], points[v, 2], dx, dy, dz, work)
+        _slopes(points, tets, t, ray, work)
         least, facet = np.inf, 0
         for i in range(4):
             if tets[t, i] == v:
@@ -188,9 +189,9 @@ def start_tet(
 
 @jit
 def next_tet(
-    points: FloatArray, tets: IntArray, neighbors: IntArray, t: int, facet: int, ox: float, oy: float, oz: float, dx: float, dy: float, dz: float, work: FloatArray
+    points: FloatArray, tets: IntArray, neighbors: IntArray, t: int, facet: int, ray: FloatArray, work: FloatArray
 ) -> tuple[int, int, int, float]:
-    """Through `facet` of tet t: (next tet or -1, its entry facet, its exit facet or -1, distance of the exit from o along d)."""
+    """Through `facet` of tet t: (next tet or -1, its entry facet, its exit facet or -1, distance of the exit from the ray's origin)."""
     other = neighbors[t, facet]
     if other < 0:
         return -1, -1, -1, np.inf
@@ -198,7 +199,7 @@ def next_tet(
     for i in range(4):
         if neighbors[other, i] == t:
             entry = i
-    _slopes(points, tets, other, ox, oy, oz, dx, dy, dz, work)
+    _slopes(points, tets, other, ray, work)
     leave, best = -1, np.inf
     for i in range(4):
         if i != entry and work[4 + i] < 0.0 and work[i] < best * -work[4 + i]:
@@ -217,20 +218,18 @@ def walk_votes(
     that tet being outside while the one on the point's side is inside (Labatut, Pons, Keriven 2009, with direction). The tet that holds
     the target, or the last one before the hull, gains `weight` as source.
     """
-    work = np.zeros(8)
+    work, ray = np.zeros(8), np.zeros(6)
     for k in range(len(vertex)):
         v = vertex[k]
-        ox, oy, oz = points[v, 0], points[v, 1], points[v, 2]
-        dx, dy, dz = target[k, 0] - ox, target[k, 1] - oy, target[k, 2] - oz
-        length = math.sqrt(dx * dx + dy * dy + dz * dz)
+        length = math.sqrt(((target[k] - points[v]) ** 2).sum())
         if not length > 0.0:
             continue
-        dx, dy, dz = dx / length, dy / length, dz / length
-        t, facet, s = start_tet(points, tets, first, incident, v, dx, dy, dz, work)
+        ray[:3], ray[3:] = points[v], (target[k] - points[v]) / length
+        t, facet, s = start_tet(points, tets, first, incident, v, ray, work)
         for _ in range(MAX_STEPS):
             if t < 0 or facet < 0 or s >= length:
                 break
-            other, entry, leave, s_next = next_tet(points, tets, neighbors, t, facet, ox, oy, oz, dx, dy, dz, work)
+            other, entry, leave, s_next = next_tet(points, tets, neighbors, t, facet, ray, work)
             if other < 0:
                 break
             soft = 1.0
@@ -248,17 +247,16 @@ def tet_at(
     vertex: IntArray, direction: FloatArray, depth: FloatArray,
 ) -> IntArray:  # fmt: skip
     """(k,) the tet at `depth[k]` (metres) from vertex[k] along the unit direction[k]; the last one before the hull; -1 if none."""
-    work = np.zeros(8)
+    work, ray = np.zeros(8), np.zeros(6)
     out = np.full(len(vertex), -1, np.int64)
     for k in range(len(vertex)):
         v = vertex[k]
-        ox, oy, oz = points[v, 0], points[v, 1], points[v, 2]
-        dx, dy, dz = direction[k, 0], direction[k, 1], direction[k, 2]
-        t, facet, s = start_tet(points, tets, first, incident, v, dx, dy, dz, work)
+        ray[:3], ray[3:] = points[v], direction[k]
+        t, facet, s = start_tet(points, tets, first, incident, v, ray, work)
         for _ in range(MAX_STEPS):
             if t < 0 or facet < 0 or s >= depth[k]:
                 break
-            other, _entry, leave, s_next = next_tet(points, tets, neighbors, t, facet, ox, oy, oz, dx, dy, dz, work)
+            other, _entry, leave, s_next = next_tet(points, tets, neighbors, t, facet, ray, work)
             if other < 0:
                 break
             t, facet, s = other, leave, s_next
@@ -272,20 +270,19 @@ def depth_to(
     vertex: IntArray, direction: FloatArray, mask: BoolArray, cap: float,
 ) -> FloatArray:  # fmt: skip
     """(k,) metres from vertex[k] along the unit direction[k] until a tet with mask True is entered; inf beyond `cap` or the hull."""
-    work = np.zeros(8)
+    work, ray = np.zeros(8), np.zeros(6)
     out = np.full(len(vertex), np.inf)
     for k in range(len(vertex)):
         v = vertex[k]
-        ox, oy, oz = points[v, 0], points[v, 1], points[v, 2]
-        dx, dy, dz = direction[k, 0], direction[k, 1], direction[k, 2]
-        t, facet, s = start_tet(points, tets, first, incident, v, dx, dy, dz, work)
+        ray[:3], ray[3:] = points[v], direction[k]
+        t, facet, s = start_tet(points, tets, first, incident, v, ray, work)
         if t >= 0 and mask[t]:
             out[k] = 0.0
             continue
         for _ in range(MAX_STEPS):
             if t < 0 or facet < 0 or s > cap:
                 break
-            other, _entry, leave, s_next = next_tet(points, tets, neighbors, t, facet, ox, oy, oz, dx, dy, dz, work)
+            other, _entry, leave, s_next = next_tet(points, tets, neighbors, t, facet, ray, work)
             if other < 0:
                 break
             if mask[other]:

@@ -1,0 +1,153 @@
+"""Which faces of a mesh cross one another.
+
+Two faces cross where an edge of one passes through the inside of the other, or where both lie in one plane and share area. Faces that
+meet at a shared vertex or edge do not cross there. Rounding: an edge that misses a face's rim by less than EPS of its size counts as
+passing through; touching exactly at a rim does not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scan2fea.kernel.face_tree import face_tree
+from scan2fea.kernel.jit import jit
+from scan2fea.types import FloatArray, IntArray, TriangleMesh
+
+EPS = 1e-8  # of barycentric coordinates; an order under what a reader of our files would count as crossing
+PARALLEL = 1e-11  # sine under which an edge is parallel to a face
+FLAT_COSINE, FLAT_GAP = 1 - 2e-9, 2e-8  # faces within these lie in one plane (the cosine of their normals; the gap over their size)
+FLAT_TOUCH = 5e-10  # overlap in one plane under this share of the size is a touch
+
+
+@jit
+def _edge_passes(p: FloatArray, q: FloatArray, t: FloatArray) -> bool:
+    """Does the open segment pq pass through the inside of triangle t (3, 3)? (Moeller and Trumbore 1997)"""
+    e1x, e1y, e1z = t[1, 0] - t[0, 0], t[1, 1] - t[0, 1], t[1, 2] - t[0, 2]
+    e2x, e2y, e2z = t[2, 0] - t[0, 0], t[2, 1] - t[0, 1], t[2, 2] - t[0, 2]
+    dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    hx, hy, hz = dy * e2z - dz * e2y, dz * e2x - dx * e2z, dx * e2y - dy * e2x
+    det = e1x * hx + e1y * hy + e1z * hz
+    size = (e1x * e1x + e1y * e1y + e1z * e1z) * (e2x * e2x + e2y * e2y + e2z * e2z) * (dx * dx + dy * dy + dz * dz)
+    if det * det <= PARALLEL * PARALLEL * size:
+        return False
+    sx, sy, sz = p[0] - t[0, 0], p[1] - t[0, 1], p[2] - t[0, 2]
+    u = (sx * hx + sy * hy + sz * hz) / det
+    if u <= EPS or u >= 1 - EPS:
+        return False
+    kx, ky, kz = sy * e1z - sz * e1y, sz * e1x - sx * e1z, sx * e1y - sy * e1x
+    w = (dx * kx + dy * ky + dz * kz) / det
+    if w <= EPS or u + w >= 1 - EPS:
+        return False
+    along = (e2x * kx + e2y * ky + e2z * kz) / det
+    return bool(along > EPS and along < 1 - EPS)
+
+
+@jit
+def _apart_in_plane(a: FloatArray, b: FloatArray, x: int, y: int) -> bool:
+    """Does an edge of triangle `a` part it from `b`, both seen along the axis that is not x or y?"""
+    turn = (a[1, x] - a[0, x]) * (a[2, y] - a[0, y]) - (a[1, y] - a[0, y]) * (a[2, x] - a[0, x])
+    size = max(
+        max(b[0, x], b[1, x], b[2, x]) - min(b[0, x], b[1, x], b[2, x]),
+        max(b[0, y], b[1, y], b[2, y]) - min(b[0, y], b[1, y], b[2, y]),
+    )
+    for k in range(3):
+        m = (k + 1) % 3
+        ex, ey = a[m, x] - a[k, x], a[m, y] - a[k, y]
+        if turn < 0:
+            ex, ey = -ex, -ey
+        most = -np.inf
+        for j in range(3):
+            most = max(most, ex * (b[j, y] - a[k, y]) - ey * (b[j, x] - a[k, x]))
+        if most <= FLAT_TOUCH * np.sqrt(ex * ex + ey * ey) * size:
+            return True
+    return False
+
+
+@jit
+def _overlap_in_plane(a: FloatArray, b: FloatArray) -> bool:
+    """Do two triangles lie in one plane and share area?"""
+    na, nb = np.cross(a[1] - a[0], a[2] - a[0]), np.cross(b[1] - b[0], b[2] - b[0])
+    la, lb = np.sqrt((na * na).sum()), np.sqrt((nb * nb).sum())
+    if la == 0 or lb == 0 or abs((na * nb).sum()) <= FLAT_COSINE * la * lb:
+        return False
+    limit = FLAT_GAP * np.sqrt(max(la, lb)) * la
+    for j in range(3):
+        if abs(((b[j] - a[0]) * na).sum()) >= limit:
+            return False
+    drop = int(np.argmax(np.abs(na)))
+    x, y = (drop + 1) % 3, (drop + 2) % 3
+    return not (_apart_in_plane(a, b, x, y) or _apart_in_plane(b, a, x, y))
+
+
+@jit
+def _faces_cross(a: FloatArray, b: FloatArray, fa: IntArray, fb: IntArray) -> bool:
+    shared_a = np.zeros(3, np.bool_)
+    shared_b = np.zeros(3, np.bool_)
+    n_shared = 0
+    for i in range(3):
+        for j in range(3):
+            if fa[i] == fb[j]:
+                shared_a[i] = True
+                shared_b[j] = True
+    n_shared = shared_a.sum()
+    if n_shared == 3:
+        return True
+    if n_shared < 2:
+        # an edge that ends in a shared vertex meets the other face there; that it crosses farther on shows in the edges across
+        for k in range(3):
+            m = (k + 1) % 3
+            if not (shared_a[k] or shared_a[m]) and _edge_passes(a[k], a[m], b):
+                return True
+            if not (shared_b[k] or shared_b[m]) and _edge_passes(b[k], b[m], a):
+                return True
+    return _overlap_in_plane(a, b)
+
+
+@jit
+def _crossing_pairs(tri: FloatArray, faces: IntArray, boxes: FloatArray, start: IntArray) -> IntArray:
+    """Rows (i, j), i < j, in tree order, of the faces that cross; walks the tree once per face."""
+    n, first_leaf = len(tri), len(boxes) // 2
+    found = np.zeros((64, 2), np.int64)
+    n_found = 0
+    stack = np.zeros(128, np.int64)
+    for i in range(n):
+        low = np.array([min(tri[i, 0, k], tri[i, 1, k], tri[i, 2, k]) for k in range(3)])
+        high = np.array([max(tri[i, 0, k], tri[i, 1, k], tri[i, 2, k]) for k in range(3)])
+        top = 1
+        stack[0] = 0
+        while top:
+            top -= 1
+            node = stack[top]
+            box = boxes[node]
+            if low[0] > box[3] or low[1] > box[4] or low[2] > box[5] or high[0] < box[0] or high[1] < box[1] or high[2] < box[2]:
+                continue
+            if node < first_leaf:
+                stack[top] = 2 * node + 1
+                stack[top + 1] = 2 * node + 2
+                top += 2
+                continue
+            for j in range(max(start[node - first_leaf], i + 1), start[node - first_leaf + 1]):
+                apart = False
+                for k in range(3):
+                    if min(tri[j, 0, k], tri[j, 1, k], tri[j, 2, k]) > high[k] or max(tri[j, 0, k], tri[j, 1, k], tri[j, 2, k]) < low[k]:
+                        apart = True
+                if not apart and _faces_cross(tri[i], tri[j], faces[i], faces[j]):
+                    if n_found == len(found):
+                        more = np.zeros((2 * n_found, 2), np.int64)
+                        more[:n_found] = found
+                        found = more
+                    found[n_found, 0] = i
+                    found[n_found, 1] = j
+                    n_found += 1
+    return found[:n_found].copy()
+
+
+def self_intersections(mesh: TriangleMesh) -> IntArray:
+    """(k, 2) pairs of faces of `mesh` that cross or overlap, each pair once, smaller face first, in order."""
+    if len(mesh.faces) < 2:
+        return np.zeros((0, 2), np.int64)
+    middle = mesh.vertices.mean(0)  # keeps the products small for a part far from the origin
+    tree = face_tree((mesh.vertices - middle)[mesh.faces])
+    pairs = tree.face[_crossing_pairs(tree.corners, np.ascontiguousarray(mesh.faces[tree.face]), tree.boxes, tree.start)]
+    pairs = np.sort(pairs.reshape(-1, 2), axis=1)
+    return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]

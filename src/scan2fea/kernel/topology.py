@@ -1,0 +1,169 @@
+"""What joins what in a triangle mesh: edges, fans, components, and the counts that say whether it bounds a solid.
+
+Half-edge 3 f + k of face f goes from faces[f, k] to faces[f, (k + 1) % 3]. All functions take any faces, closed or not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
+
+DEGENERATE = 1e-12  # a face of less than this times the square of its longest edge has no normal
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class EdgeTable(Value):
+    """The undirected edges of m faces.
+
+    edges : (e, 2) int64, smaller vertex first.   edge_of : (3 m,) row in `edges` of each half-edge.   count : (e,) faces on each edge.
+    twin : (3 m,) the other half-edge of an edge with exactly two faces, whichever way it runs; -1 otherwise.
+    """
+
+    edges: IntArray
+    edge_of: IntArray
+    count: IntArray
+    twin: IntArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class SurfaceTopology:
+    """Counts over one triangle mesh. A pinched vertex is one whose faces form more than one fan."""
+
+    n_vertices: int
+    n_faces: int
+    n_boundary_edges: int
+    n_nonmanifold_edges: int
+    n_repeated_directed_edges: int
+    n_pinched_vertices: int
+    n_components: int
+    n_unused_vertices: int
+    n_degenerate_faces: int
+
+    @property
+    def is_closed(self) -> bool:
+        """Every edge has two faces or more, and there is a face."""
+        return self.n_faces > 0 and self.n_boundary_edges == 0
+
+    @property
+    def is_manifold(self) -> bool:
+        """No edge with three faces, no vertex with two fans."""
+        return self.n_nonmanifold_edges == 0 and self.n_pinched_vertices == 0
+
+    @property
+    def is_oriented(self) -> bool:
+        """Each directed edge is used once, so neighbours agree on which side is out."""
+        return self.n_repeated_directed_edges == 0
+
+    @property
+    def is_clean(self) -> bool:
+        """Closed, manifold, oriented, every vertex used, every face with an area."""
+        return self.is_closed and self.is_manifold and self.is_oriented and self.n_unused_vertices == 0 and self.n_degenerate_faces == 0
+
+
+def half_edges(faces: IntArray) -> IntArray:
+    """(3 m, 2) start and end vertex of each half-edge of (m, 3) faces."""
+    return np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2)
+
+
+def edge_table(faces: IntArray) -> EdgeTable:
+    """The edges of (m, 3) faces, and which half-edges lie on each."""
+    directed = half_edges(faces)
+    n = int(faces.max(initial=-1)) + 1
+    key, edge_of, count = np.unique(directed.min(1) * n + directed.max(1), return_inverse=True, return_counts=True)
+    edge_of = edge_of.ravel().astype(np.int64)
+    edges = np.stack([key // max(n, 1), key % max(n, 1)], axis=1)
+    twin = np.full(len(directed), -1, np.int64)
+    order = np.argsort(edge_of, kind="stable")
+    first = order[np.concatenate([[0], np.cumsum(count)[:-1]]).astype(np.int64)] if len(count) else order
+    last = order[np.cumsum(count) - 1] if len(count) else order
+    pair = count == 2
+    twin[first[pair]], twin[last[pair]] = last[pair], first[pair]
+    return EdgeTable(edges=edges.astype(np.int64), edge_of=edge_of, count=count.astype(np.int64), twin=twin)
+
+
+def _pairs_on_edges(table: EdgeTable) -> tuple[IntArray, IntArray]:
+    """Half-edges that follow one another on the same edge: enough to join all faces of each edge."""
+    order = np.argsort(table.edge_of, kind="stable")
+    same = table.edge_of[order[:-1]] == table.edge_of[order[1:]]
+    return order[:-1][same], order[1:][same]
+
+
+def _join(n: int, i: IntArray, j: IntArray) -> tuple[int, IntArray]:
+    graph = coo_array((np.ones(len(i), np.int8), (i, j)), shape=(n, n))
+    count, label = connected_components(graph, directed=False)
+    return int(count), label.astype(np.int64)
+
+
+def face_components(faces: IntArray, joined: BoolArray | None = None) -> tuple[int, IntArray]:
+    """Number of components and (m,) label of each face; faces are joined over shared edges, only those with `joined` (e,) where given."""
+    table = edge_table(faces)
+    i, j = _pairs_on_edges(table)
+    if joined is not None:
+        keep = joined[table.edge_of[i]]
+        i, j = i[keep], j[keep]
+    return _join(len(faces), i // 3, j // 3)
+
+
+def corner_fans(faces: IntArray, table: EdgeTable | None = None) -> IntArray:
+    """(3 m,) label of the fan each corner (face f, k -> 3 f + k) belongs to: corners of one vertex joined over its edges."""
+    table = edge_table(faces) if table is None else table
+    directed = half_edges(faces)
+    i, j = _pairs_on_edges(table)
+    start = np.arange(3 * len(faces))
+    end = start // 3 * 3 + (start + 1) % 3
+    same = directed[i, 0] == directed[j, 0]
+    a = np.concatenate([start[i], end[i]])
+    b = np.concatenate([np.where(same, start[j], end[j]), np.where(same, end[j], start[j])])
+    return _join(3 * len(faces), a, b)[1]
+
+
+def degenerate_faces(vertices: FloatArray, faces: IntArray) -> BoolArray:
+    """(m,) True where a face has (almost) no area: height under 2e-12 of its longest edge, or a repeated vertex."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    doubled = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    longest = np.max([((b - a) ** 2).sum(1), ((c - b) ** 2).sum(1), ((a - c) ** 2).sum(1)], axis=0) if len(faces) else np.zeros(0)
+    return np.asarray(doubled / 2 <= DEGENERATE * longest)
+
+
+def surface_topology(mesh: TriangleMesh) -> SurfaceTopology:
+    """Counts that decide whether `mesh` bounds a solid; near-linear in its faces."""
+    faces, n = mesh.faces, len(mesh.vertices)
+    table = edge_table(faces)
+    directed = half_edges(faces)
+    repeated = np.unique(directed[:, 0] * n + directed[:, 1], return_counts=True)[1]
+    fans = np.unique(np.stack([faces.ravel(), corner_fans(faces, table)], axis=1), axis=0)[:, 0]
+    fans_per_vertex = np.bincount(fans, minlength=n)
+    i, j = _pairs_on_edges(table)
+    return SurfaceTopology(
+        n_vertices=n,
+        n_faces=len(faces),
+        n_boundary_edges=int((table.count == 1).sum()),
+        n_nonmanifold_edges=int((table.count > 2).sum()),
+        n_repeated_directed_edges=int((repeated > 1).sum()),
+        n_pinched_vertices=int((fans_per_vertex > 1).sum()),
+        n_components=_join(len(faces), i // 3, j // 3)[0] if len(faces) else 0,
+        n_unused_vertices=int((fans_per_vertex == 0).sum()),
+        n_degenerate_faces=int(degenerate_faces(mesh.vertices, faces).sum()),
+    )
+
+
+def vertex_faces(faces: IntArray, n_vertices: int) -> tuple[IntArray, IntArray]:
+    """Faces around each vertex, in rows: those of vertex v are face[start[v]:start[v + 1]], ascending."""
+    flat = faces.ravel()
+    order = np.argsort(flat, kind="stable")
+    start = np.concatenate([[0], np.cumsum(np.bincount(flat, minlength=n_vertices))])
+    return start.astype(np.int64), (order // 3).astype(np.int64)
+
+
+def neighbour_vertices(faces: IntArray, n_vertices: int) -> tuple[IntArray, IntArray]:
+    """Vertices joined to each vertex by an edge, in rows: those of v are other[start[v]:start[v + 1]], ascending."""
+    edges = edge_table(faces).edges
+    both = np.concatenate([edges, edges[:, ::-1]])
+    both = both[np.lexsort((both[:, 1], both[:, 0]))]
+    start = np.concatenate([[0], np.cumsum(np.bincount(both[:, 0], minlength=n_vertices))])
+    return start.astype(np.int64), both[:, 1].astype(np.int64)

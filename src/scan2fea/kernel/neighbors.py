@@ -53,7 +53,7 @@ def _half_neighbourhood() -> IntArray:
 
 
 @jit
-def _slot_of(i: np.int64, j: np.int64, k: np.int64, cells: IntArray, table: IntArray) -> int:
+def _slot_of(i: np.int64, j: np.int64, k: np.int64, cells: IntArray, table: IntArray) -> np.int64:
     """Row of the open-addressing table that holds cell (i, j, k), or the empty row where it would go."""
     mask = len(table) - 1
     slot = (i * 73856093) ^ (j * 19349663) ^ (k * 83492791)

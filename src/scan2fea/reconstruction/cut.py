@@ -1,0 +1,131 @@
+"""Inside or outside, tet by tet: the minimum cut between what the sensors saw empty and what lies under the points.
+
+Labatut, Pons, Keriven, "Robust and efficient surface reconstruction from range data", 2009, with directed sight-line costs, the tet that
+holds the sensor as source, and the inward vote along the normal instead of along the ray (reference/reconstruction.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2fea.errors import ReconstructionError, require
+from scan2fea.kernel.delaunay import FACETS, Tetrahedralisation, tet_at, walk_votes
+from scan2fea.types import BoolArray, FloatArray, IntArray, Value
+
+NEVER = 1e9  # capacity of what must not be cut
+LEAST_DEPTH = 0.02  # of the spacing: the inward vote starts at least this deep
+WALL_SHARE = 0.45  # of the local thickness: the inward vote stays on its own side of the wall
+HELD = 0.5  # share of inward votes the result must respect: below it the surface has collapsed
+HALVINGS = 8
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Votes(Value):
+    """capacity : (m, 4) price of tet t being outside and its neighbour i inside.   source, sink : (m,) votes for outside, inside."""
+
+    capacity: FloatArray
+    source: FloatArray
+    sink: FloatArray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Cut(Value):
+    """inside : (m,) bool.   quality_weight : the one that was used, halved until the surface held.   held : share of inward votes respected."""
+
+    inside: BoolArray
+    votes: Votes
+    quality_weight: float
+    held: float
+
+
+def gather_votes(
+    tetra: Tetrahedralisation,
+    normals: FloatArray,
+    targets: FloatArray,
+    softness_m: float,
+    thickness_m: FloatArray,
+    spacing_m: float,
+    weight: FloatArray | None = None,
+) -> Votes:
+    """What each point says.
+
+    normals : (n, 3) outward.   targets : (n, 3) its sensor or pseudo-sensor; a nan row gives no sight line, only the inward vote.
+    thickness_m : (n,) local wall thickness, nan where there is none.   weight : (n,) of each point's votes, default 1.
+    """
+    n, m = tetra.n_input, len(tetra)
+    weight = np.ones(n) if weight is None else np.asarray(weight, float)
+    capacity, source, sink = np.zeros((m, 4)), np.zeros(m), np.zeros(m)
+    first, incident = tetra.incidence()
+    seen = np.flatnonzero(np.isfinite(targets).all(axis=1))
+    walk_votes(tetra.points, tetra.tets, tetra.neighbors, first, incident, seen, targets[seen], weight[seen], float(softness_m), capacity, source)
+    depth = np.maximum(np.fmin(2.0 * softness_m, WALL_SHARE * thickness_m), LEAST_DEPTH * spacing_m)
+    under = tet_at(tetra.points, tetra.tets, tetra.neighbors, first, incident, np.arange(n), np.ascontiguousarray(-normals), depth)
+    np.add.at(sink, under[under >= 0], weight[under >= 0])
+    sink[tetra.is_box] = 0.0
+    return Votes(capacity=capacity, source=source, sink=sink)
+
+
+def facet_cost(tetra: Tetrahedralisation, across: IntArray) -> FloatArray:
+    """(m, 4) 1 - min(cos phi, cos psi) of each facet with the circumspheres on its two sides (Labatut 2009): 0 for large empty spheres.
+
+    across : (m, 4) number of the facet as the neighbour counts it.
+    """
+    cosine = np.ones((len(tetra), 4))
+    for i in range(4):
+        a, b, c = (tetra.points[tetra.tets[:, FACETS[i, j]]] for j in range(3))
+        inward = -np.cross(b - a, c - a)
+        inward /= np.linalg.norm(inward, axis=1)[:, None]
+        cosine[:, i] = np.einsum("ij,ij->i", tetra.circumcentre - a, inward) / tetra.circumradius
+    other = np.where(tetra.neighbors >= 0, cosine[tetra.neighbors, across], 1.0)
+    return np.asarray(1.0 - np.minimum(np.clip(cosine, -1, 1), np.clip(other, -1, 1)))
+
+
+def _across(tetra: Tetrahedralisation) -> IntArray:
+    """(m, 4) number of the shared facet as the neighbour counts it."""
+    back = np.zeros((len(tetra), 4), np.int64)
+    for k in range(4):
+        back[tetra.neighbors[tetra.neighbors, k] == np.arange(len(tetra))[:, None]] = k
+    return back
+
+
+def cut(
+    tetra: Tetrahedralisation,
+    votes: Votes,
+    extra_source: FloatArray | None = None,
+    quality_weight: float = 0.3,
+) -> Cut:
+    """The cheapest labelling of the tets; those of the box are outside.
+
+    extra_source : (m,) further votes for outside, from whoever knows (a flood from the box).   quality_weight : price of a facet of cost 1
+    against one vote; where so few votes meet that the surface would collapse it is halved.
+    Raises ReconstructionError if nothing is inside at any weight.
+    """
+    source = votes.source + (0.0 if extra_source is None else extra_source)
+    across = _across(tetra)
+    cost = facet_cost(tetra, across)
+    i, facet = (np.asarray(x, np.int64) for x in np.nonzero(tetra.neighbors > np.arange(len(tetra))[:, None]))
+    j, back = tetra.neighbors[i, facet], across[i, facet]
+    forward, reverse, shape = votes.capacity[i, facet], votes.capacity[j, back], cost[i, facet]
+    for _ in range(HALVINGS):
+        price = quality_weight * shape
+        inside = _minimum_cut(i, j, forward + price, reverse + price, np.where(tetra.is_box, NEVER, source), votes.sink)
+        held = float(votes.sink[inside].sum() / max(votes.sink.sum(), 1e-300))
+        if held >= HELD:
+            return Cut(inside=inside, votes=votes, quality_weight=quality_weight, held=held)
+        quality_weight *= 0.5
+    require(inside.any(), ReconstructionError, "the sight lines leave nothing inside: are the normals or the sensor positions wrong?")
+    return Cut(inside=inside, votes=votes, quality_weight=2.0 * quality_weight, held=held)
+
+
+def _minimum_cut(i: IntArray, j: IntArray, forward: FloatArray, reverse: FloatArray, source: FloatArray, sink: FloatArray) -> BoolArray:
+    """(m,) True on the sink side. `forward` is paid where i is on the source side and j is not."""
+    import maxflow  # heavy: only where it is used
+
+    graph = maxflow.GraphFloat(len(source), len(i))
+    nodes = graph.add_nodes(len(source))
+    graph.add_edges(i, j, forward, reverse)
+    graph.add_grid_tedges(nodes, source, sink)
+    graph.maxflow()
+    return np.asarray(graph.get_grid_segments(nodes), bool)

@@ -1,0 +1,122 @@
+"""Noise taken off the points of each side of a wall before the surface is cut: normals first, then positions along them.
+
+Bilateral, predicted from the ORIGINAL neighbours in every round so that nothing shrinks (reference/reconstruction.md, steps 1-3).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2fea.kernel.jit import jit
+from scan2fea.kernel.noise import noise_sigma
+from scan2fea.kernel.side_normals import SAME_SIDE, radius_lists, side_normals
+from scan2fea.types import FloatArray, IntArray, Value
+
+NORMAL_RADIUS = 2.5  # spacings
+QUIET = 0.01  # of the spacing: noise below this is left alone
+NORMAL_ROUNDS, POINT_ROUNDS = 5, 3
+CLIP = 3.5  # sigma: a neighbour farther than this off the surface is of another one
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Denoised(Value):
+    """points, normals : (n, 3).   sigma_m : of the raw points.   residual_m : what is left of it, with safety (sigma_r).   radius_m : of the fits."""
+
+    points: FloatArray
+    normals: FloatArray
+    sigma_m: float
+    residual_m: float
+    radius_m: float
+
+
+def first_normals(points: FloatArray, toward: FloatArray, spacing_m: float) -> tuple[FloatArray, float]:
+    """Same-side normals (n, 3) and the noise sigma; fitted again in a wider radius where the noise swamps the first.
+
+    toward : (n, 3) vectors on the outer side.
+    """
+    radius = NORMAL_RADIUS * spacing_m
+    for _ in range(3):
+        normals = side_normals(points, toward, radius)
+        sigma = noise_sigma(points, normals)
+        wider = min(4.0 * sigma, 6.0 * spacing_m) if math.isfinite(sigma) else 6.0 * spacing_m
+        if wider <= 1.1 * radius:
+            break
+        radius = wider
+    return normals, sigma if math.isfinite(sigma) else radius / 4.0
+
+
+def denoise(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_m: float) -> Denoised:
+    """Points and normals with the noise averaged out over a radius R = max(2.2 h, 1.5 sigma / (0.12 sqrt(pi))).
+
+    points : (n, 3) raw.   normals : (n, 3) outward.   sigma_m : their noise.
+    """
+    h = spacing_m
+    radius = min(max(2.2 * h, 1.5 * sigma_m / (0.12 * math.sqrt(math.pi))), 8.0 * h)
+    quiet = sigma_m < QUIET * h
+    # residual noise of a mean over pi R^2 / h^2 points, times 1.9 for safety
+    residual = max(0.02 * h, 0.0 if quiet else 1.9 * sigma_m * h / (math.sqrt(math.pi) * radius))
+    tolerance = math.radians(15.0 if sigma_m < 0.02 * h else 25.0)
+    xyz, now = np.ascontiguousarray(points, float), np.ascontiguousarray(normals, float)
+    first, index = radius_lists(xyz, radius)
+    for _ in range(NORMAL_ROUNDS):
+        now = _smooth_normals(xyz, now, first, index, radius, tolerance)
+    moved = xyz
+    if not quiet:
+        for _ in range(POINT_ROUNDS):
+            moved = _smooth_points(xyz, moved, now, first, index, radius, tolerance, CLIP * sigma_m)
+    return Denoised(points=moved, normals=now, sigma_m=sigma_m, residual_m=residual, radius_m=radius)
+
+
+@jit
+def _smooth_normals(points: FloatArray, normals: FloatArray, first: IntArray, index: IntArray, radius: float, tolerance: float) -> FloatArray:
+    """One bilateral round: weight exp(-2 r^2 / R^2) exp(-angle^2 / (2 tolerance^2)) over the same side."""
+    out = normals.copy()
+    for p in range(len(points)):
+        sx = sy = sz = 0.0
+        for o in range(first[p], first[p + 1]):
+            q = index[o]
+            cosine = normals[p, 0] * normals[q, 0] + normals[p, 1] * normals[q, 1] + normals[p, 2] * normals[q, 2]
+            if cosine <= SAME_SIDE:
+                continue
+            r2 = (points[q, 0] - points[p, 0]) ** 2 + (points[q, 1] - points[p, 1]) ** 2 + (points[q, 2] - points[p, 2]) ** 2
+            angle = math.acos(min(1.0, cosine))
+            w = math.exp(-2.0 * r2 / (radius * radius) - 0.5 * (angle / tolerance) ** 2)
+            sx, sy, sz = sx + w * normals[q, 0], sy + w * normals[q, 1], sz + w * normals[q, 2]
+        length = math.sqrt(sx * sx + sy * sy + sz * sz)
+        if length > 0.0:
+            out[p, 0], out[p, 1], out[p, 2] = sx / length, sy / length, sz / length
+    return out
+
+
+@jit
+def _smooth_points(
+    raw: FloatArray, now: FloatArray, normals: FloatArray, first: IntArray, index: IntArray, radius: float, tolerance: float, clip: float
+) -> FloatArray:
+    """One round: p += n_i * mean of (n_i + n_j).(raw_j - p) / |..|: to second order a smooth surface stays where it is."""
+    out = now.copy()
+    for p in range(len(raw)):
+        total = shift = 0.0
+        for o in range(first[p], first[p + 1]):
+            q = index[o]
+            cosine = normals[p, 0] * normals[q, 0] + normals[p, 1] * normals[q, 1] + normals[p, 2] * normals[q, 2]
+            if cosine <= SAME_SIDE:
+                continue
+            x, y, z = raw[q, 0] - now[p, 0], raw[q, 1] - now[p, 1], raw[q, 2] - now[p, 2]
+            mx, my, mz = normals[p, 0] + normals[q, 0], normals[p, 1] + normals[q, 1], normals[p, 2] + normals[q, 2]
+            offset = (mx * x + my * y + mz * z) / (1.0 + cosine)
+            if abs(offset) >= clip:
+                continue
+            angle = math.acos(min(1.0, cosine))
+            r2 = (raw[q, 0] - raw[p, 0]) ** 2 + (raw[q, 1] - raw[p, 1]) ** 2 + (raw[q, 2] - raw[p, 2]) ** 2
+            w = math.exp(-2.0 * r2 / (radius * radius) - 0.5 * (angle / tolerance) ** 2)
+            total += w
+            shift += w * offset
+        if total > 0.0:
+            shift /= total
+            out[p, 0] += shift * normals[p, 0]
+            out[p, 1] += shift * normals[p, 1]
+            out[p, 2] += shift * normals[p, 2]
+    return out

@@ -130,6 +130,16 @@ class Scan(Value):
             position[known] = self.rays.origin[self.cloud.ray[known]]
         return position
 
+    def compact(self) -> Scan:
+        """The same cloud with only the rays that its points came along."""
+        if self.rays is None:
+            return self
+        used, packed = np.unique(self.cloud.ray, return_inverse=True)
+        first = int(len(used) > 0 and used[0] < 0)
+        columns: dict[str, Any] = {f.name: getattr(self.rays, f.name) for f in dataclasses.fields(self.rays)}
+        rays = Rays(**{name: None if column is None else column[used[first:]] for name, column in columns.items()})
+        return Scan(cloud=self.cloud.replaced(ray=packed.astype(np.int64) - first), rays=rays if len(rays) else None)
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trajectory(Value):

@@ -1,0 +1,40 @@
+# `make demo` and `make test` work on a bare Debian or Ubuntu with Python 3.11-3.13 and make; see README.md.
+# PYTHON picks the interpreter; the environment lives in .venv.
+PYTHON ?= $(shell command -v python3.12 || command -v python3.11 || command -v python3.13 || command -v python3)
+VENV := .venv
+RUN := $(VENV)/bin/python
+
+.PHONY: demo test check setup setup-dev system system-dev clean bench
+
+demo: $(VENV)/.installed
+	$(VENV)/bin/scan2fea demo -o out-demo
+
+test: $(VENV)/.installed-dev
+	OMP_NUM_THREADS=1 $(RUN) -m pytest -n 2
+
+# what CI runs before the tests: lint, types, layers
+check: $(VENV)/.installed-dev
+	$(VENV)/bin/ruff check
+	$(VENV)/bin/mypy
+	$(VENV)/bin/lint-imports
+
+bench: $(VENV)/.installed-dev
+	for file in benchmarks/*.py; do echo "== $$file"; OMP_NUM_THREADS=1 $(RUN) $$file || exit 1; done
+
+setup: $(VENV)/.installed
+setup-dev: $(VENV)/.installed-dev
+
+$(VENV)/.installed: pyproject.toml requirements.lock system.sh
+	sh ./system.sh run
+	$(PYTHON) -m venv $(VENV)
+	$(RUN) -m pip install --quiet -r requirements.lock
+	$(RUN) -m pip install --quiet --no-deps -e .
+	touch $@
+
+$(VENV)/.installed-dev: $(VENV)/.installed requirements-dev.lock
+	sh ./system.sh test
+	$(RUN) -m pip install --quiet -r requirements-dev.lock
+	touch $@
+
+clean:
+	rm -rf $(VENV) out-demo build dist

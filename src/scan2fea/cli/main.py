@@ -1,0 +1,105 @@
+"""`scan2fea COMMAND ...`: parses, runs, and turns every error into one line and an exit code.
+
+Exit codes: 0 done, 2 usage, 3 bad input, 4 nothing converted or check not passed, 5 a fault of ours, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from scan2fea import __version__
+from scan2fea.errors import Scan2FeaError
+
+EXIT_FAULT, EXIT_INTERRUPTED = 5, 130
+
+
+def parser() -> argparse.ArgumentParser:
+    """The whole command line."""
+    top = argparse.ArgumentParser(prog="scan2fea", description="From raw 3D scans to checked finite element models.", allow_abbrev=False)
+    top.add_argument("--version", action="version", version=f"scan2fea {__version__}")
+    commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
+
+    run = commands.add_parser("run", help="scans to solved, checked FE models", allow_abbrev=False)
+    run.add_argument("inputs", nargs="+", metavar="INPUT", help="scan files (or closed meshes) of one scene")
+    run.add_argument("-o", "--out", required=True, metavar="OUT", help="folder for everything that is made")
+    _add_options(run)
+    run.add_argument("--resume", action="store_true", help="go on in OUT: what is unchanged is not made again; labels.csv may have been edited")
+    run.add_argument("--unit", help="unit of the input where its format states none [input.unit]")
+    run.add_argument("--poses", metavar="FILE", help="where each input stood (bun.conf, TUM, KITTI, 4x4) [registration.poses]")
+    run.add_argument("--labels", metavar="COLUMN", help="take the objects from this column (name or number) [input.labels]")
+    run.add_argument("--sensor-position", nargs=3, type=float, metavar=("X", "Y", "Z"), help="where the scanner stood, in the frame and unit of each file")
+
+    demo = commands.add_parser("demo", help="a simulated lab scan through everything", allow_abbrev=False)
+    demo.add_argument("-o", "--out", default="scan2fea-demo", metavar="OUT")
+    _add_options(demo)
+
+    check = commands.add_parser("check", help="would a solver accept this surface or volume mesh?", allow_abbrev=False)
+    check.add_argument("file", metavar="MESH")
+    check.add_argument("--json", action="store_true", help="print the figures as JSON")
+
+    info = commands.add_parser("info", help="what a file holds", allow_abbrev=False)
+    info.add_argument("file", metavar="FILE")
+    info.add_argument("--unit", help="unit of the file where its format states none")
+
+    config = commands.add_parser("config", help="print every option, with its explanation, as TOML", allow_abbrev=False)
+    _add_options(config, seed=False)
+
+    view = commands.add_parser("view", help="open the report of a run", allow_abbrev=False)
+    view.add_argument("out", metavar="OUT")
+    return top
+
+
+def _add_options(command: argparse.ArgumentParser, *, seed: bool = True) -> None:
+    command.add_argument("-c", "--config", metavar="FILE.toml", help="options, as `scan2fea config` prints them")
+    command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings", help="one option, e.g. select.min_points=500")
+    if seed:
+        command.add_argument("--seed", type=int, help="seed of everything random [run.seed]")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command; returns its exit code. Never raises but for SystemExit of argparse (2, or 0 for --help)."""
+    given = parser().parse_args(arguments)
+    command: Any = importlib.import_module(f"scan2fea.cli.{given.command}_command")
+    try:
+        return int(command.execute(given))
+    except Scan2FeaError as error:
+        _say(str(error))
+        return error.exit_code
+    except KeyboardInterrupt:
+        _say("interrupted: `scan2fea run ... --resume` with the same OUT goes on from here")
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except MemoryError:
+        _say("out of memory: give fewer points (filtering.voxel_m) or set input.memory_gib to what this machine has")
+        return EXIT_FAULT
+    except Exception as error:  # noqa: BLE001 - the last line of defence: a fault of ours is told, not shown as a traceback
+        _say(f"internal fault ({type(error).__name__}: {error}); please report it with {_trace()}")
+        return EXIT_FAULT
+
+
+def _trace() -> str:
+    import tempfile
+    import traceback
+
+    handle, name = tempfile.mkstemp(prefix="scan2fea-fault-", suffix=".txt")
+    with os.fdopen(handle, "w", encoding="utf-8") as file:
+        traceback.print_exc(file=file)
+    return str(Path(name))
+
+
+def _say(text: str) -> None:
+    one_line = " ".join(text.split())
+    print(f"scan2fea: {one_line}", file=sys.stderr)
+
+
+def entry() -> None:
+    """Console script."""
+    sys.exit(main())

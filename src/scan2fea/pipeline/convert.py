@@ -1,0 +1,134 @@
+"""The chain of one object: shape -> repair -> remesh -> solid -> tets -> model -> solution -> checks -> files.
+
+Never raises for what can go wrong with an object: `Made` keeps everything up to there, and the reason.
+"""
+
+from __future__ import annotations
+
+import traceback
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scan2fea.cad import to_brep
+from scan2fea.errors import InternalError, Scan2FeaError
+from scan2fea.fea import build_model, solve
+from scan2fea.kernel.boundary import boundary_surface
+from scan2fea.kernel.coverage import deviation, face_origin
+from scan2fea.kernel.distances import PointToMesh
+from scan2fea.kernel.measures import face_areas, volume
+from scan2fea.kernel.noise import spacing
+from scan2fea.kernel.thickness import median_thickness
+from scan2fea.pipeline.config import Config
+from scan2fea.pipeline.outputs import write_object
+from scan2fea.pipeline.part import Made, Part
+from scan2fea.pipeline.record import Record, Tracked
+from scan2fea.pipeline.results import object_row
+from scan2fea.reconstruction import reconstruct
+from scan2fea.remeshing import remesh
+from scan2fea.repair import repair
+from scan2fea.tetmeshing import fill
+from scan2fea.types import MEASURED, IntArray, TriangleMesh
+from scan2fea.verification.mesh import brep_checks, surface_checks, tet_checks
+from scan2fea.verification.response import response_checks
+from scan2fea.verification.shape import deviation_checks, drift_checks
+
+
+def convert(part: Part, key: str, config: Config, record: Record, folder: Path) -> dict[str, Any]:
+    """Everything for one object, its files in `folder`; returns its row of report.json."""
+    made = Made(part=part)
+    try:
+        _chain(made, Tracked(part, key), config, record)
+    except Scan2FeaError as error:
+        made.stopped = str(error)
+    except Exception as error:  # noqa: BLE001 - one object's fault must not cost the others; it is told as ours
+        made.stopped = f"a fault of scan2fea ({type(error).__name__}: {error}); please report it"
+        record.event("fault", text=traceback.format_exc())
+    files = write_object(made, folder, config)
+    return object_row(made, files)
+
+
+def _chain(made: Made, source: Tracked[Part], config: Config, record: Record) -> None:
+    shaped = _shape(made, source, config, record)
+    if any(not check.passed for check in made.checks):
+        return  # refused: what follows would only decorate a wrong shape
+    repaired = record("repair", repair, shaped, options=config.repair, n_in=len(shaped.value.faces), count=lambda r: len(r.mesh.faces))
+    _moved(made, "repair", repaired.value.mesh)
+    scale = {"spacing_m": made.spacing_m, "sigma_m": made.sigma_m}
+    source_mesh = Tracked(repaired.value.mesh, repaired.key)
+    remeshed = record("remesh", remesh, source_mesh, options=config.remeshing, extra=scale, n_in=len(source_mesh.value.faces), count=lambda r: len(r.mesh.faces))
+    _moved(made, "remesh", remeshed.value.mesh)
+    surface = Tracked(remeshed.value.mesh, remeshed.key)
+
+    brep = record("solid", to_brep, surface, options=config.cad, n_in=len(surface.value.faces), count=lambda b: len(b.face_names))
+    made.brep = brep.value
+    filled = record("tets", fill, surface, brep, options=config.tetmeshing, n_in=len(surface.value.faces), count=lambda f: len(f.tets.tets))
+    made.tets = filled.value.tets
+    made.how.update(filled.value.how)
+    _moved(made, "tets", boundary_surface(filled.value.tets))
+    _verify_geometry(made)
+
+    tets = Tracked(filled.value.tets, filled.key)
+    model = record("model", build_model, tets, options=config.fea, n_in=len(tets.value.nodes), count=lambda m: len(m.node_sets), keep=False)
+    made.model = model.value
+    solved = record("solve", solve, model, options=config.fea, n_in=len(tets.value.tets), count=lambda r: r.n_dof)
+    made.result = solved.value
+    made.checks += response_checks(model.value, solved.value)
+
+
+def _shape(made: Made, source: Tracked[Part], config: Config, record: Record) -> Tracked[TriangleMesh]:
+    """The closed surface of the object: given, or reconstructed from its points."""
+    part = source.value
+    if part.mesh is not None:
+        made.spacing_m, made.sensor = spacing(part.mesh.vertices), "unknown"
+        made.surface = part.mesh
+        return Tracked(part.mesh, source.key)
+    scan = Tracked(part.scan, source.key)
+    found = record("reconstruct", reconstruct, scan, options=config.reconstruction, n_in=len(part.scan.cloud), count=lambda r: len(r.mesh.faces))
+    made.spacing_m, made.sigma_m, made.sensor = found.value.spacing_m, found.value.sigma_m, found.value.sensor
+    made.normals = found.value.normals
+    made.how.update(found.value.how)
+    made.checks += found.value.checks
+    _moved(made, "reconstruct", found.value.mesh)
+    return Tracked(found.value.mesh, found.key)
+
+
+def _moved(made: Made, step: str, mesh: TriangleMesh) -> None:
+    """`mesh` is the surface from now on; what the step did to it is entered in the drift ledger."""
+    made.surface = mesh
+    if not len(mesh.faces):
+        return
+    distance = PointToMesh(mesh).nearest(made.part.scan.cloud.points).distance
+    made.drift.append(
+        {"step": step, "volume_m3": volume(mesh), "thickness_m": median_thickness(mesh), "p95_m": float(np.percentile(distance, 95))}
+    )
+
+
+def _verify_geometry(made: Made) -> None:
+    """The checks of the last geometry; deviation and origin of every face are entered into the surface."""
+    surface, tets, brep, cloud = made.surface, made.tets, made.brep, made.part.scan.cloud
+    if surface is None or tets is None or brep is None:
+        raise InternalError("the geometry is verified before it is whole")
+    enclosed = volume(surface)
+    made.checks += surface_checks(surface)
+    if made.part.mesh is None:
+        origin = face_origin(surface, cloud.points, cloud.is_inferred, made.spacing_m, made.sigma_m)
+        found = deviation(surface, cloud.points, made.spacing_m, made.sigma_m, cloud.is_inferred)
+        made.deviation = found
+        made.surface = replace(surface, face_origin=origin, deviation_m=np.nan_to_num(found.per_vertex_m))
+        made.checks += deviation_checks(found, made.spacing_m, made.sigma_m, _supported_share(made, surface, origin))
+        first, last = made.drift[0], made.drift[-1]
+        made.checks += drift_checks(last["volume_m3"], first["volume_m3"], last["thickness_m"], first["thickness_m"])
+    made.checks += [*tet_checks(tets, enclosed), *brep_checks(brep, enclosed)]
+
+
+def _supported_share(made: Made, surface: TriangleMesh, origin: IntArray) -> float:
+    """Share of the area that no point saw but that rests on a plane that was seen (inferred points stand for it)."""
+    cloud = made.part.scan.cloud
+    if cloud.is_inferred is None or not cloud.is_inferred.any():
+        return 0.0
+    resting = face_origin(surface, cloud.points[cloud.is_inferred], None, made.spacing_m, made.sigma_m) == MEASURED
+    areas = face_areas(surface)
+    return float(areas[resting & (origin != MEASURED)].sum() / areas.sum())

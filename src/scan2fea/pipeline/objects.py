@@ -1,0 +1,102 @@
+"""The objects of a scene: cut out of it, converted each in a process of its own, and their rows collected in order."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scan2fea.io.artifacts import fingerprint, save
+from scan2fea.pipeline.children import Limits, run_children
+from scan2fea.pipeline.config import Config, as_tree
+from scan2fea.pipeline.part import Part
+from scan2fea.pipeline.record import KEEP, Say, key_of
+from scan2fea.pipeline.scene import Scene
+from scan2fea.segmentation import Selection, contact_points
+from scan2fea.types import Scan, Segments
+
+
+def parts_of(scene: Scene, segments: Segments, chosen: Selection, config: Config) -> list[Part]:
+    """One part per chosen label, numbered from 1 in the order of the selection."""
+    meshes = {m.frame: m.mesh for m in scene.meshes}
+    parts = []
+    for number, label in enumerate(chosen.labels, start=1):
+        rows = np.flatnonzero(segments.labels == label)
+        own = scene.scan.cloud.take(rows)
+        frame = int(own.frame[0])
+        mesh = meshes.get(frame)
+        if mesh is None:
+            own = contact_points(own, scene.scan.cloud, segments, int(label))
+        parts.append(Part(id=number, kind=segments.kinds[label], scan=Scan(cloud=own, rays=scene.scan.rays).compact(), mesh=mesh))
+    return parts
+
+
+def convert_all(parts: Sequence[Part], out: Path, config: Config, resume: bool, say: Say) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Rows of objects[] and of stages[], in the order of the parts."""
+    keep = out / KEEP / "objects"
+    todo = []
+    for part in parts:
+        folder = keep / f"{part.id:02d}"
+        key = key_of(fingerprint(part), as_tree(config))
+        if resume and _is_done(folder, key):
+            say({"event": "note", "object": str(part.id), "text": f"object {part.id}: unchanged, kept"})
+            continue
+        if not resume:
+            shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "result.json").unlink(missing_ok=True)
+        save(part, folder / "part.npz")
+        files = out / "objects" / f"{part.id:02d}"
+        task = {"key": fingerprint(part), "config": as_tree(config), "resume": resume, "label": str(part.id), "out": str(files), "done": key}
+        (folder / "task.json").write_text(json.dumps(task), encoding="utf-8")
+        todo.append(folder)
+    _drop_others(out, {f"{part.id:02d}" for part in parts})
+    say({"event": "objects", "n": len(todo)})
+    by_folder = {keep / f"{part.id:02d}": part for part in parts}
+
+    def done(folder: Path, why: str) -> None:
+        if why:
+            _write_failed(by_folder[folder], folder, out, why)
+        row = json.loads((folder / "result.json").read_text(encoding="utf-8"))["object"]
+        say({"event": "verdict", "object": str(row["id"]), "verdict": row["verdict"], "reason": row["reason"]})
+
+    jobs = config.run.jobs or os.cpu_count() or 1
+    run_children(todo, jobs, Limits(seconds=config.run.object_seconds, gib=config.run.object_gib), say, done)
+    results = [json.loads((folder / "result.json").read_text(encoding="utf-8")) for folder in by_folder]
+    return [r["object"] for r in results], [stage for r in results for stage in r["stages"]]
+
+
+def _is_done(folder: Path, key: str) -> bool:
+    try:
+        task = json.loads((folder / "task.json").read_text(encoding="utf-8"))
+        return bool(task["done"] == key) and (folder / "result.json").exists()
+    except (OSError, ValueError, KeyError):
+        return False
+
+
+def _drop_others(out: Path, names: set[str]) -> None:
+    """Objects of an earlier run that are no longer there: their files would look like results."""
+    for folder in [*(out / "objects").glob("*"), *(out / KEEP / "objects").glob("*")]:
+        if folder.is_dir() and folder.name not in names:
+            shutil.rmtree(folder)
+
+
+def _write_failed(part: Part, folder: Path, out: Path, why: str) -> None:
+    """The row of an object whose process did not come back: what its stages wrote stays."""
+    row = {
+        "id": part.id,
+        "kind": part.kind,
+        "route": "reconstruction",
+        "route_reason": "its process ended early",
+        "n_points": len(part.scan.cloud),
+        "checks": [],
+        "files": sorted(p.name for p in (out / "objects" / f"{part.id:02d}").glob("*")),
+        "verdict": "failed",
+        "reason": why,
+    }
+    (folder / "result.json").write_text(json.dumps({"object": row, "stages": []}), encoding="utf-8")

@@ -1,0 +1,61 @@
+"""The files of one object. Whatever exists is written; nothing is pretended."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from scan2fea.fea import write_bdf, write_inp
+from scan2fea.io import write_cloud_ply, write_mesh_ply, write_msh, write_stl, write_text, write_vtu
+from scan2fea.kernel.coverage import face_origin
+from scan2fea.kernel.quality import tet_quality
+from scan2fea.pipeline.config import Config
+from scan2fea.pipeline.part import Made
+from scan2fea.types import MEASURED, FloatArray, TriangleMesh
+from scan2fea.units import unit_system
+
+
+def write_object(made: Made, folder: Path, config: Config) -> list[str]:
+    """Write the object's files into `folder`, which is emptied first; returns their names, sorted."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in folder.iterdir():
+        if old.is_file():
+            old.unlink()
+    units = unit_system(config.export.units)
+    write_cloud_ply(folder / "cloud.ply", made.part.scan.cloud, _columns(made))
+    if made.surface is not None and len(made.surface.faces):
+        if made.tets is None and made.part.mesh is None:
+            write_mesh_ply(folder / "sheet.ply", _seen(made, made.surface))
+        write_mesh_ply(folder / "surface.ply", made.surface)
+        write_stl(folder / "surface.stl", made.surface, units.length)
+    if made.tets is not None:
+        write_vtu(folder / "volume.vtu", made.tets, _point_data(made), {"min_dihedral_deg": tet_quality(made.tets.nodes, made.tets.tets)["min_dihedral_deg"]})
+        write_msh(folder / "volume.msh", made.tets)
+    if made.brep is not None:
+        write_text(folder / "model.step", made.brep.step)
+    if made.model is not None:
+        write_text(folder / "model.inp", write_inp(made.model, units))
+        write_text(folder / "model.bdf", write_bdf(made.model, units))
+    return sorted(path.name for path in folder.iterdir() if path.is_file())
+
+
+def _columns(made: Made) -> dict[str, FloatArray]:
+    cloud = made.part.scan.cloud
+    inferred = cloud.is_inferred if cloud.is_inferred is not None else np.zeros(len(cloud), bool)
+    return {"is_inferred": inferred.astype(np.uint8)}
+
+
+def _seen(made: Made, surface: TriangleMesh) -> TriangleMesh:
+    """The open sheet that was measured: what is left where no solid is possible."""
+    cloud = made.part.scan.cloud
+    origin = face_origin(surface, cloud.points, cloud.is_inferred, made.spacing_m, made.sigma_m)
+    used, packed = np.unique(surface.faces[origin == MEASURED], return_inverse=True)
+    return TriangleMesh(vertices=surface.vertices[used], faces=packed.reshape(-1, 3).astype(np.int64))
+
+
+def _point_data(made: Made) -> dict[str, FloatArray]:
+    if made.result is None:
+        return {}
+    shapes = {f"mode_{7 + k}": shape for k, shape in enumerate(made.result.mode_shapes)}
+    return {"displacement_m": made.result.displacement_m, **shapes}

@@ -1,0 +1,40 @@
+"""What one object takes along into its own process, and what comes back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from scan2fea.kernel.coverage import Deviation
+from scan2fea.types import Brep, Check, FEModel, FEResult, Scan, TetMesh, TriangleMesh, Value
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Part(Value):
+    """One object of the scene. `mesh` is given where the input had faces: then it enters at repair and `scan` holds its vertices."""
+
+    id: int
+    kind: str
+    scan: Scan
+    mesh: TriangleMesh | None = None
+
+
+@dataclass
+class Made:
+    """What has been made of one object so far; the only mutable thing of the chain, so that a failure keeps what came before it."""
+
+    part: Part
+    surface: TriangleMesh | None = None  # the latest surface; in the end the boundary of the tets
+    normals: Any = None
+    spacing_m: float = 0.0
+    sigma_m: float = 0.0
+    sensor: str = "unknown"
+    how: dict[str, Any] = field(default_factory=dict)
+    deviation: Deviation | None = None
+    brep: Brep | None = None
+    tets: TetMesh | None = None
+    model: FEModel | None = None
+    result: FEResult | None = None
+    checks: list[Check] = field(default_factory=list)
+    drift: list[dict[str, Any]] = field(default_factory=list)
+    stopped: str = ""  # why the chain ended early

@@ -1,0 +1,216 @@
+"""From values to the rows of report.json (its schema is published in scan2fea.report). Numbers that are not known become null."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scan2fea import __version__
+from scan2fea.io import RawScan
+from scan2fea.kernel.coverage import area_shares
+from scan2fea.kernel.measures import area, tet_volumes, volume
+from scan2fea.kernel.predicates import self_intersections
+from scan2fea.kernel.quality import summary, surface_quality, tet_quality
+from scan2fea.kernel.topology import surface_topology
+from scan2fea.pipeline.config import Config, known_keys
+from scan2fea.pipeline.part import Made
+from scan2fea.pipeline.scene import Scene
+from scan2fea.types import Brep, Check, FEModel, FEResult, Segments, TetMesh, TriangleMesh
+from scan2fea.verification.verdict import verdict
+
+SCHEMA = 1
+LIBRARIES = ("numpy", "scipy", "numba", "PyMaxflow", "gmsh", "cadquery-ocp-novtk", "pyamg")
+ROUTE_REASON = "free form: the surface is reconstructed from the points; members are not yet fitted by this version"
+GIVEN_REASON = "the input has faces: it enters at repair"
+
+
+def number(x: Any) -> Any:
+    """A finite float or None."""
+    return float(x) if x is not None and math.isfinite(float(x)) else None
+
+
+def input_row(path: Path, raw: RawScan | None, reason: str | None) -> dict[str, Any]:
+    """One entry of inputs[]; `reason` says why the file was left out."""
+    if raw is None:
+        return {"path": str(path), "sha256": "", "n_points": 0, "used": False, "reason": reason, "unit": None, "unit_source": None, "sensor": None}
+    return {
+        "path": str(path),
+        "sha256": raw.sha256,
+        "n_points": raw.n_points,
+        "used": True,
+        "reason": None,
+        "unit": raw.unit,
+        "unit_source": raw.unit_source,
+        "sensor": raw.sensor,
+    }
+
+
+def surface_row(mesh: TriangleMesh) -> dict[str, Any]:
+    """objects[].surface."""
+    topology = surface_topology(mesh)
+    return {
+        "n_vertices": len(mesh.vertices),
+        "n_faces": len(mesh.faces),
+        "closed": topology.is_closed,
+        "manifold": topology.is_manifold,
+        "n_boundary_edges": topology.n_boundary_edges,
+        "n_self_intersections": len(self_intersections(mesh)),
+        "n_components": topology.n_components,
+        "volume_m3": number(volume(mesh)),
+        "area_m2": number(area(mesh)),
+        "area_share": area_shares(mesh, mesh.face_origin) if mesh.face_origin is not None else None,
+        "quality": finite_tree(surface_quality(mesh)),
+    }
+
+
+def volume_row(tets: TetMesh) -> dict[str, Any]:
+    """objects[].volume."""
+    quality = {name: summary(values) for name, values in tet_quality(tets.nodes, tets.tets).items()}
+    used = len(np.unique(tets.tets))
+    total = float(tet_volumes(tets.nodes, tets.tets).sum())
+    return {"n_nodes": used, "n_tets": len(tets.tets), "order": tets.order, "volume_m3": number(total), "quality": finite_tree(quality)}
+
+
+def cad_row(brep: Brep) -> dict[str, Any]:
+    """objects[].cad."""
+    kinds = brep.face_kinds
+    return {
+        "n_faces": len(kinds),
+        "valid": brep.is_valid,
+        "volume_m3": number(brep.volume_m3),
+        "n_planar": sum(kind in ("plane", "facet") for kind in kinds),
+        "n_cylindrical": kinds.count("cylinder"),
+        "n_nurbs": kinds.count("nurbs"),
+        "n_facets": kinds.count("facet"),
+    }
+
+
+def fea_row(model: FEModel, result: FEResult) -> dict[str, Any]:
+    """objects[].fea."""
+    return {
+        "elements": "C3D10" if model.mesh.order == 2 else "C3D4",
+        "dof": result.n_dof,
+        "solver": result.solver,
+        "frequencies_hz": [float(f) for f in result.frequencies_hz[6:]],
+        "material": dataclasses.asdict(model.material),
+        "cases": [dataclasses.asdict(case) for case in result.cases],
+    }
+
+
+def check_row(check: Check) -> dict[str, Any]:
+    """One entry of checks[]."""
+    value = check.value if not isinstance(check.value, float) else number(check.value)
+    row = {"name": check.name, "value": value, "limit": check.limit, "unit": check.unit, "passed": check.passed}
+    return row if check.passed else {**row, "says": check.says}
+
+
+def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
+    """One entry of objects[]: what was made, what was checked, and the verdict."""
+    missing = [name for name, value in (("tets", made.tets), ("solid", made.brep), ("model", made.model), ("solution", made.result)) if value is None]
+    found = verdict(made.checks, made.stopped, missing)
+    row: dict[str, Any] = {
+        "id": made.part.id,
+        "kind": made.part.kind,
+        "route": "reconstruction",
+        "route_reason": ROUTE_REASON if made.part.mesh is None else GIVEN_REASON,
+        "n_points": len(made.part.scan.cloud),
+        "sensor": made.sensor,
+        "spacing_m": number(made.spacing_m),
+        "noise_m": number(made.sigma_m),
+        "how": {key: value for key, value in made.how.items() if isinstance(value, str | int | float | bool)},
+    }
+    if made.surface is not None and len(made.surface.faces):
+        row["surface"] = surface_row(made.surface)
+    if made.tets is not None:
+        row["volume"] = volume_row(made.tets)
+    if made.brep is not None:
+        row["cad"] = cad_row(made.brep)
+    if made.model is not None and made.result is not None:
+        row["fea"] = fea_row(made.model, made.result)
+    row["deviation"] = deviation_row(made)
+    row["drift"] = made.drift
+    row["checks"] = [check_row(check) for check in made.checks]
+    row["files"] = list(files)
+    row["verdict"], row["reason"] = found.name, found.reason
+    return dict(finite_tree({key: value for key, value in row.items() if value is not None}))
+
+
+def deviation_row(made: Made) -> dict[str, Any] | None:
+    """objects[].deviation. An input with faces is its own measurement: its vertices are the cloud."""
+    found = made.deviation
+    if found is None:
+        return None
+    return {name: number(getattr(found, name)) for name in ("mean_m", "rms_m", "p95_m", "max_m", "measured_area_fraction")}
+
+
+def run_report(
+    config: Config,
+    command: Sequence[str],
+    inputs: Sequence[Mapping[str, Any]],
+    scene: Scene,
+    segments: Segments,
+    stages: Sequence[Mapping[str, Any]],
+    objects: Sequence[Mapping[str, Any]],
+    warnings: Sequence[str],
+) -> dict[str, Any]:
+    """The whole report.json."""
+    defaults = known_keys()
+    changed = {k: {"value": v, "default": defaults[k]} for k, v in known_keys(config).items() if v != defaults[k]}
+    report = {
+        "schema": SCHEMA,
+        "version": __version__,
+        "versions": {name: metadata.version(name) for name in LIBRARIES},
+        "seed": config.run.seed,
+        "command": list(command),
+        "frame": {"shift_m": [float(x) for x in scene.shift_m]},
+        "inputs": list(inputs),
+        "registration": {"mode": "placed", "frames": frame_rows(inputs, scene), "links": []},
+        "spacing_m": number(scene.spacing_m),
+        "segmentation": dict(segments.how),
+        "stages": list(stages),
+        "objects": list(objects),
+        "assumptions": assumptions(inputs),
+        "options_changed": changed,
+        "warnings": [*scene.notes, *warnings],
+    }
+    return dict(finite_tree(report))
+
+
+def frame_rows(inputs: Sequence[Mapping[str, Any]], scene: Scene) -> list[dict[str, Any]]:
+    """registration.frames[], one per input; one that could not be read is not placed."""
+    rows, k = [], 0
+    for row in inputs:
+        placed = bool(row["used"]) and bool(scene.trajectory.placed[k])
+        T = scene.trajectory.T_world_frame[k].tolist() if placed else None
+        k += bool(row["used"])
+        reason = None if placed else row["reason"] or "no pose was given for it"
+        rows.append({"path": row["path"], "placed": placed, "T_world_frame": T, "std_m": None, "std_rad": None, "reason": reason})
+    return rows
+
+
+def assumptions(inputs: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What was taken for granted, one sentence each."""
+    assumed = [row["path"] for row in inputs if row["unit_source"] == "assumed"]
+    told = [f"the unit of {Path(path).name} is metres: its format states none (--unit says otherwise)" for path in assumed[:3]]
+    if len(assumed) > 3:
+        told.append(f"the same holds for {len(assumed) - 3} more inputs")
+    return [*told, "every object is solid and of one linear elastic material, see the deck"]
+
+
+def finite_tree(tree: Any) -> Any:
+    """The tree in plain Python values, with None for every number that is not finite (JSON has no NaN)."""
+    if isinstance(tree, Mapping):
+        return {str(key): finite_tree(value) for key, value in tree.items()}
+    if isinstance(tree, tuple | list | np.ndarray):
+        return [finite_tree(value) for value in tree]
+    if isinstance(tree, np.generic):
+        tree = tree.item()
+    if isinstance(tree, float):
+        return number(tree)
+    return tree

@@ -1,0 +1,147 @@
+"""The chain, in the order of docs/design.md: the only place that knows it.
+
+    read -> place -> clean -> segment -> (labels.csv) -> select -> each object in a process of its own (convert.py) -> report.json
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from scan2fea.errors import InputError, UsageError, require
+from scan2fea.io.files import sha256_of, write_bytes
+from scan2fea.io import InputOptions, RawScan, read_scan, write_cloud_ply, write_trajectory
+from scan2fea.pipeline.config import Config, to_toml
+from scan2fea.pipeline.labels import edited, labels_text, read_rows
+from scan2fea.pipeline.objects import convert_all, parts_of
+from scan2fea.pipeline.record import KEEP, Record, Say, Tracked, key_of
+from scan2fea.pipeline.results import input_row, run_report
+from scan2fea.pipeline.scene import Scene, clean, place_all, segment
+from scan2fea.segmentation import select
+from scan2fea.types import Segments
+
+MARKS = ("report.json", "config.toml", KEEP)  # what tells a folder of ours from somebody's
+
+
+def run(
+    inputs: Sequence[Path], out: Path, config: Config, *, resume: bool = False, say: Say | None = None, command: Sequence[str] = ()
+) -> dict[str, Any]:
+    """All inputs are one scene; everything made goes to `out`. Returns the content of report.json.
+
+    Raises UsageError, and InputError where no input is usable; a failed object does not raise.
+    """
+    _prepare(out, resume)
+    _write_text(out / "config.toml", to_toml(config))
+    with _Log(out / "log.jsonl", say) as log:
+        record = Record(out / KEEP, resume=resume, say=log)
+        raws, rows = _read_all(inputs, config.input, record)
+        names = [Path(raw.value.path).name for raw in raws]
+        scene = record("place", _placing(names), *raws, options=config.registration, n_in=len(raws), count=_n_points)
+        scene = record("clean", clean, scene, options=config.filtering, n_in=_n_points(scene.value), count=_n_points)
+        found = record("segment", segment, scene, options=config.segmentation, n_in=_n_points(scene.value), count=lambda s: len(s.kinds))
+        segments = _edited(out, found, scene.value, resume)
+        chosen = select(scene.value.scan.cloud, segments, config.select)
+        parts = parts_of(scene.value, segments, chosen, config)
+        _write_scene(out, scene.value, segments)
+        for text in (*scene.value.notes, *chosen.notes):
+            log({"event": "note", "object": None, "text": text})
+        objects, stages = convert_all(parts, out, config, resume, log)
+        report = run_report(config, command, rows, scene.value, segments, record.stages + stages, objects, chosen.notes)
+        _write_text(out / "report.json", json.dumps(report, indent=1, allow_nan=False) + "\n")
+    return report
+
+
+def _n_points(scene: Scene) -> int:
+    return len(scene.scan.cloud)
+
+
+def _placing(names: Sequence[str]) -> Any:
+    def place_inputs(*values: Any) -> Scene:
+        *raws, options = values
+        return place_all(tuple(raws), options, names=names)
+
+    return place_inputs
+
+
+def _prepare(out: Path, resume: bool) -> None:
+    """An empty or new folder, or one of ours. Raises UsageError: nobody's files are mixed with results."""
+    require(not out.exists() or out.is_dir(), UsageError, f"{out}: is a file; give a folder with -o")
+    if out.is_dir() and any(out.iterdir()) and not any((out / mark).exists() for mark in MARKS):
+        raise UsageError(f"{out}: holds files that are not scan2fea's; give an empty or new folder with -o")
+    require(not resume or (out / KEEP).is_dir(), UsageError, f"{out}: nothing to resume here; run once without --resume")
+    try:
+        (out / KEEP).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"{out}: cannot be written ({error.strerror}); give another folder with -o") from error
+    if not resume:
+        for old in [*out.glob("*.*"), *(out / "objects").glob("*/*")]:
+            if old.is_file():
+                old.unlink()
+
+
+def _read_all(inputs: Sequence[Path], options: InputOptions, record: Record) -> tuple[list[Tracked[RawScan]], list[dict[str, Any]]]:
+    """Every input that can be read, and one row of the report for each of all. Raises InputError if none can."""
+    raws: list[Tracked[RawScan]] = []
+    rows: list[dict[str, Any]] = []
+    reasons: list[str] = []
+    for number, path in enumerate(inputs):
+        try:
+            source = Tracked(path, key_of("file", sha256_of(path)))
+            raw = record("read", read_scan, source, options=options, n_in=1, count=lambda r: len(r.scan.cloud), extra=None)
+        except InputError as error:
+            reasons.append(str(error))
+            rows.append(input_row(path, None, str(error)))
+            record.event("note", text=f"left out: {error}")
+            continue
+        raws.append(Tracked(raw.value, key_of(raw.key, number)))
+        rows.append(input_row(path, raw.value, None))
+    if not raws:
+        raise InputError("; ".join(reasons) if len(reasons) == 1 else f"none of the {len(inputs)} inputs can be used; the first: {reasons[0]}")
+    return raws, rows
+
+
+def _edited(out: Path, found: Tracked[Segments], scene: Scene, resume: bool) -> Segments:
+    """The segments, with a person's edits of OUT/labels.csv where the run is resumed and the file is not as we wrote it."""
+    path, text = out / "labels.csv", labels_text(found.value, scene.scan.cloud.points)
+    if resume and path.exists() and path.read_text(encoding="utf-8") != text:
+        return edited(found.value, scene.scan.cloud.points, read_rows(path))
+    _write_text(path, text)
+    return found.value
+
+
+def _write_scene(out: Path, scene: Scene, segments: Segments) -> None:
+    cloud = scene.scan.cloud
+    sigma = cloud.sigma_along_m if cloud.sigma_along_m is not None else np.full(len(cloud), np.nan)
+    inferred = cloud.is_inferred if cloud.is_inferred is not None else np.zeros(len(cloud), bool)
+    columns = {"label": segments.labels.astype(np.int32), "is_inferred": inferred.astype(np.uint8), "sigma_m": sigma}
+    write_cloud_ply(out / "cloud.ply", cloud, columns)
+    write_trajectory(out / "trajectory.txt", scene.trajectory)
+
+
+def _write_text(path: Path, text: str) -> None:
+    write_bytes(path, text.encode())
+
+
+class _Log:
+    """log.jsonl: one event a line, as it happens; passed on to whoever listens."""
+
+    def __init__(self, path: Path, say: Say | None) -> None:
+        self._path, self._say = path, say
+
+    def __enter__(self) -> _Log:
+        self._file = self._path.open("w", encoding="utf-8", newline="\n")
+        return self
+
+    def __call__(self, event: Mapping[str, Any]) -> None:
+        self._file.write(json.dumps(event) + "\n")
+        self._file.flush()
+        if self._say:
+            self._say(event)
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._file.close()

@@ -1,0 +1,112 @@
+"""From the inputs to labelled points: the stages that see the whole scene."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from scan2fea.filtering import FilteringOptions, clean_up
+from scan2fea.io import RawScan
+from scan2fea.kernel.noise import spacing
+from scan2fea.registration import RegistrationOptions, place, read_poses
+from scan2fea.segmentation import SegmentationOptions, segment_scene
+from scan2fea.types import FloatArray, PointCloud, Scan, Segments, Trajectory, TriangleMesh, Value
+
+FAR_M = 10_000.0  # coordinates beyond this are shifted: float32 formats would lose millimetres
+SHIFT_STEP_M = 1_000.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MeshInput(Value):
+    """An input with faces; `frame` is its number among the inputs."""
+
+    frame: int
+    mesh: TriangleMesh
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scene(Value):
+    """All inputs in one frame. shift_m : (3,), every coordinate is input minus this.   is_kept : (n,) bool, False: marked by a filter."""
+
+    scan: Scan
+    meshes: tuple[MeshInput, ...]
+    trajectory: Trajectory
+    shift_m: FloatArray
+    spacing_m: float
+    notes: tuple[str, ...]
+
+
+def place_all(raws: tuple[RawScan, ...], options: RegistrationOptions, *, names: Sequence[str]) -> Scene:
+    """The inputs where their files or `registration.poses` put them, and the whole scene near the origin.
+
+    Raises InputError for a file of poses that cannot be read or names none of the inputs.
+    """
+    poses = read_poses(Path(options.poses), list(names)) if options.poses else [None] * len(raws)
+    placed = place([raw.scan for raw in raws], poses, list(names), options)
+    shift = shift_of(placed.scan.cloud.points)
+    meshes = []
+    for frame, raw in enumerate(raws):
+        if raw.mesh is not None:
+            own = placed.scan.cloud.points[placed.scan.cloud.frame == frame]
+            meshes.append(MeshInput(frame=frame, mesh=replace(raw.mesh, vertices=own - shift)))
+    notes = tuple(f"{name}: {note}" for name, raw in zip(names, raws, strict=True) for note in raw.notes) + placed.notes
+    scan = shifted(placed.scan, shift)
+    return Scene(
+        scan=scan, meshes=tuple(meshes), trajectory=placed.trajectory, shift_m=shift, spacing_m=spacing(scan.cloud.points), notes=notes
+    )
+
+
+def shift_of(points: FloatArray) -> FloatArray:
+    """(3,) round numbers of metres that bring points (n, 3) near the origin; zero where no coordinate is beyond 10 km."""
+    if not len(points) or float(np.abs(points).max()) <= FAR_M:
+        return np.zeros(3)
+    return np.asarray(np.round(np.median(points, axis=0) / SHIFT_STEP_M) * SHIFT_STEP_M)
+
+
+def shifted(scan: Scan, shift: FloatArray) -> Scan:
+    """The scan minus `shift` (3,), rays included."""
+    if not shift.any():
+        return scan
+    rays = None if scan.rays is None else replace(scan.rays, origin=scan.rays.origin - shift)
+    return Scan(cloud=scan.cloud.replaced(points=scan.cloud.points - shift), rays=rays)
+
+
+def clean(scene: Scene, options: FilteringOptions) -> Scene:
+    """The scene without outliers and of workable size. Vertices of inputs with faces are left alone."""
+    from_mesh = np.isin(scene.scan.cloud.frame, [m.frame for m in scene.meshes])
+    if from_mesh.all():
+        return scene
+    cleaned = clean_up(Scan(cloud=scene.scan.cloud.take(~from_mesh), rays=scene.scan.rays), options)
+    cloud = cleaned.scan.cloud
+    if from_mesh.any():
+        cloud = _joined(cloud, scene.scan.cloud.take(from_mesh))
+    return replace(scene, scan=Scan(cloud=cloud, rays=scene.scan.rays), spacing_m=spacing(cloud.points), notes=scene.notes + cleaned.notes)
+
+
+def segment(scene: Scene, options: SegmentationOptions) -> Segments:
+    """One label per point; each input with faces is an object of its own."""
+    cloud = scene.scan.cloud
+    frames = [m.frame for m in scene.meshes]
+    from_mesh = np.isin(cloud.frame, frames)
+    labels = np.full(len(cloud), -1, np.int64)
+    kinds: tuple[str, ...] = ()
+    how: dict[str, object] = {}
+    if not from_mesh.all():
+        found = segment_scene(Scan(cloud=cloud.take(~from_mesh), rays=scene.scan.rays), options)
+        labels[~from_mesh], kinds, how = found.labels, found.kinds, dict(found.how)
+    for frame in frames:
+        labels[cloud.frame == frame] = len(kinds)
+        kinds = (*kinds, "object")
+    return Segments(labels=labels, kinds=kinds, how=how)
+
+
+def _joined(a: PointCloud, b: PointCloud) -> PointCloud:
+    """Both clouds, a first. A column that only one of them has is dropped."""
+    both = {}
+    for name in ("points", "ray", "frame", "raw_index", "normals", "sigma_along_m", "sigma_across_m", "is_inferred", "colour", "intensity", "label"):
+        x, y = getattr(a, name), getattr(b, name)
+        both[name] = None if x is None or y is None else np.concatenate([x, y])
+    return PointCloud(**both)

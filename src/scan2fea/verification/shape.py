@@ -1,0 +1,30 @@
+"""Is the final geometry the one that was scanned? Measured after the last step that moves anything."""
+
+from __future__ import annotations
+
+from scan2fea.kernel.coverage import Deviation
+from scan2fea.types import Check
+from scan2fea.verification.limits import at_least, at_most
+from scan2fea.verification.mesh import relative
+
+NOISE_SIGMAS = 3.0  # 99.7 % of the points of a Gaussian scanner lie within
+
+
+def deviation_checks(found: Deviation, spacing_m: float, sigma_m: float, supported_share: float) -> tuple[Check, ...]:
+    """Points to surface within the noise or the spacing, whichever is larger; and enough of the surface seen.
+
+    supported_share : share of the area that lies on a support plane, which closes it without being seen; it counts as known.
+    """
+    limit = max(NOISE_SIGMAS * sigma_m, spacing_m)
+    return (
+        at_most("shape.deviation_p95", found.p95_m, limit),
+        at_least("shape.measured_area", min(1.0, found.measured_area_fraction + supported_share)),
+    )
+
+
+def drift_checks(volume_m3: float, first_volume_m3: float, thickness_m: float, first_thickness_m: float) -> tuple[Check, ...]:
+    """What repair, remeshing and meshing did to the volume and the median wall since the reconstruction."""
+    return (
+        at_most("shape.volume_drift", relative(volume_m3, first_volume_m3)),
+        at_most("shape.thickness_drift", relative(thickness_m, first_thickness_m)),
+    )

@@ -1,1 +1,5 @@
-"""cad (see docs/design.md)."""
+"""B-Rep and STEP: triangles to a CAD solid (AP214, millimetres), several solids to one assembly."""
+
+from scan2fea.cad.brep import CadOptions, to_brep
+
+__all__ = ["CadOptions", "to_brep"]

@@ -1,0 +1,84 @@
+"""What Open Cascade finds in a STEP text: the proof that the solid is one, closed, valid and as large as its surface."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scan2fea.errors import CadError, require
+from scan2fea.types import FloatArray, Value
+from scan2fea.units import MILLIMETRES_PER_METRE
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ReadBack(Value):
+    """face_centre : (f, 3) metres, face_area : (f,), in the order of the file."""
+
+    is_valid: bool
+    n_solids: int
+    n_free_edges: int
+    volume_m3: float
+    area_m2: float
+    face_centre: FloatArray
+    face_area: FloatArray
+
+
+def read_back(step: str) -> ReadBack:
+    """Read the text with Open Cascade and measure it. Raises CadError where it cannot be read."""
+    from OCP.BRepCheck import BRepCheck_Analyzer
+    from OCP.BRepGProp import BRepGProp
+    from OCP.GProp import GProp_GProps
+    from OCP.ShapeAnalysis import ShapeAnalysis_FreeBounds
+    from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_SOLID
+    from OCP.TopoDS import TopoDS
+
+    shape = _shape(step)
+    volume = GProp_GProps()
+    BRepGProp.VolumeProperties_s(shape, volume, True)
+    centres, areas = [], []
+    for face in _parts(shape, TopAbs_FACE):
+        props = GProp_GProps()
+        BRepGProp.SurfaceProperties_s(TopoDS.Face(face), props)
+        at = props.CentreOfMass()
+        centres.append((at.X(), at.Y(), at.Z()))
+        areas.append(props.Mass())
+    free = 0
+    for shell in _parts(shape, TopAbs_SHELL):
+        bounds = ShapeAnalysis_FreeBounds(shell)
+        for wires in (bounds.GetClosedWires(), bounds.GetOpenWires()):
+            free += 0 if wires.IsNull() else len(_parts(wires, TopAbs_EDGE))
+    return ReadBack(
+        is_valid=bool(BRepCheck_Analyzer(shape).IsValid()), n_solids=len(_parts(shape, TopAbs_SOLID)), n_free_edges=free,
+        volume_m3=volume.Mass() / MILLIMETRES_PER_METRE**3, area_m2=float(np.sum(areas)) / MILLIMETRES_PER_METRE**2,
+        face_centre=np.array(centres).reshape(-1, 3) / MILLIMETRES_PER_METRE, face_area=np.array(areas) / MILLIMETRES_PER_METRE**2,
+    )  # fmt: skip
+
+
+def _shape(step: str) -> Any:
+    from OCP.IFSelect import IFSelect_RetDone
+    from OCP.STEPControl import STEPControl_Reader
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "solid.step"
+        path.write_text(step, encoding="ascii")
+        reader = STEPControl_Reader()
+        require(reader.ReadFile(str(path)) == IFSelect_RetDone, CadError, "Open Cascade cannot read the STEP text that was written (a fault of ours)")
+        reader.TransferRoots()
+        shape = reader.OneShape()
+    require(not shape.IsNull(), CadError, "Open Cascade finds no shape in the STEP text that was written (a fault of ours)")
+    return shape
+
+
+def _parts(shape: Any, kind: Any) -> list[Any]:
+    from OCP.TopExp import TopExp_Explorer
+
+    found, walk = [], TopExp_Explorer(shape, kind)
+    while walk.More():
+        found.append(walk.Current())
+        walk.Next()
+    return found
+

@@ -1,0 +1,261 @@
+"""Isotropic remeshing: split, collapse, flip, smooth, until edges have the length asked for (Botsch and Kobbelt 2004).
+
+Creases and corners are kept, planes stay planes, free form is put back on the surface it came from. After every round the whole
+surface is tested for crossings; a round that made one is taken back and repeated with that place held still.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scan2fea.kernel.distances import PointToMesh
+from scan2fea.kernel.measures import face_normals, vertex_normals
+from scan2fea.kernel.predicates import self_intersections
+from scan2fea.kernel.primitives import Plane
+from scan2fea.kernel.topology import edge_table, half_edges
+from scan2fea.remeshing.halfedge import CORNER, CREASE, FREE, FROZEN, LONG, SHORT, collapse_edges, flip_edges, move_vertices, split_edges
+from scan2fea.types import BoolArray, ByteArray, FloatArray, IntArray, TriangleMesh
+
+ROUNDS = 6
+RETRIES = 4  # of a round that made faces cross, each with more of the surface held
+TURN = 0.5  # a face may turn by 60 degrees in one change
+FLOOR = 0.35  # a vertex is not moved where a face falls under this shape, unless it was worse
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Work:
+    """The half-edge arrays of `halfedge`, with room behind the first n_vertices and n_faces. The arrays are written to; each round works on a copy."""
+
+    points: FloatArray
+    goal: FloatArray
+    kind: ByteArray
+    out: IntArray
+    origin: IntArray
+    twin: IntArray
+    sharp: ByteArray
+    region: IntArray
+    n_vertices: int
+    n_faces: int
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Guide:
+    """What the result has to follow. surface : nearest points for free form.   creases : the same for creases, None without.
+
+    planes : region number -> plane.   drift_m : how far one change may move the surface.
+    """
+
+    surface: PointToMesh
+    creases: PointToMesh | None
+    planes: dict[int, Plane]
+    drift_m: float
+
+
+def opened(mesh: TriangleMesh, is_sharp: BoolArray, goal: FloatArray) -> Work:
+    """Work arrays of a closed manifold oriented mesh; is_sharp : (e,) over the rows of its edge table, goal : (n,) metres."""
+    table = edge_table(mesh.faces)
+    n, origin = len(mesh.vertices), mesh.faces.ravel().copy()
+    out = np.zeros(n, np.int64)
+    out[origin[::-1]] = np.arange(len(origin))[::-1]
+    region = np.full(len(mesh.faces), -1, np.int64) if mesh.face_region is None else mesh.face_region.copy()
+    creases = np.bincount(table.edges[is_sharp].ravel(), minlength=n)
+    kind = np.where(creases == 0, FREE, np.where(creases == 2, CREASE, CORNER)).astype(np.uint8)
+    return Work(
+        points=mesh.vertices.copy(), goal=goal.copy(), kind=kind, out=out, origin=origin, twin=table.twin.copy(),
+        sharp=is_sharp[table.edge_of].astype(np.uint8), region=region, n_vertices=n, n_faces=len(mesh.faces),
+    )  # fmt: skip
+
+
+def closed(work: Work) -> TriangleMesh:
+    """The mesh of the work arrays, dead faces and vertices left out."""
+    faces = work.origin[: 3 * work.n_faces].reshape(-1, 3)
+    alive = faces[:, 0] >= 0
+    used, packed = np.unique(faces[alive], return_inverse=True)
+    return TriangleMesh(vertices=work.points[used], faces=packed.reshape(-1, 3).astype(np.int64), face_region=work.region[: work.n_faces][alive])
+
+
+def compacted(work: Work) -> Work:
+    """A copy without dead rows and without spare room."""
+    faces = work.origin[: 3 * work.n_faces].reshape(-1, 3)
+    alive = np.flatnonzero(faces[:, 0] >= 0)
+    used, packed = np.unique(faces[alive], return_inverse=True)
+    halves = (3 * alive[:, None] + np.arange(3)).ravel()
+    new_half = np.full(3 * work.n_faces, -1, np.int64)
+    new_half[halves] = np.arange(len(halves))
+    return Work(
+        points=work.points[used], goal=work.goal[used], kind=work.kind[used], out=new_half[work.out[used]], origin=packed.ravel().astype(np.int64),
+        twin=new_half[work.twin[halves]], sharp=work.sharp[halves], region=work.region[alive], n_vertices=len(used), n_faces=len(alive),
+    )  # fmt: skip
+
+
+def _roomy(work: Work, n: int) -> Work:
+    """A compact copy with room for n more vertices and 2 n more faces."""
+    work = compacted(work)
+    pad = {"points": n, "goal": n, "kind": n, "out": n, "origin": 6 * n, "twin": 6 * n, "sharp": 6 * n, "region": 2 * n}
+    grown = {name: np.concatenate([old := getattr(work, name), np.zeros((k, *old.shape[1:]), old.dtype)]) for name, k in pad.items()}
+    return replace(work, **grown)
+
+
+def _edges_by_length(work: Work) -> tuple[IntArray, FloatArray]:
+    """One half-edge of each edge, shortest first against the goal, and the edge's length over its goal."""
+    h = np.flatnonzero(work.origin[: 3 * work.n_faces] >= 0)
+    h = h[h < work.twin[h]]
+    a, b = work.origin[h], work.origin[h // 3 * 3 + (h + 1) % 3]
+    share = np.linalg.norm(work.points[a] - work.points[b], axis=1) / (0.5 * (work.goal[a] + work.goal[b]))
+    order = np.argsort(share, kind="stable")
+    return h[order], share[order]
+
+
+def _split(work: Work) -> Work:
+    for _ in range(12):  # each halves the longest edges; 12 rounds bring 4096 goals down to one
+        half, share = _edges_by_length(work)
+        long = half[share > LONG][::-1]
+        if not len(long):
+            break
+        work = _roomy(work, len(long))  # compaction keeps the order, so the queue is looked up again
+        half, share = _edges_by_length(work)
+        long = half[share > LONG][::-1]
+        w = work
+        n, m = split_edges(long, w.n_vertices, w.n_faces, w.origin, w.twin, w.out, w.sharp, w.kind, w.goal, w.region, w.points)
+        grew = n > w.n_vertices
+        work = replace(work, n_vertices=int(n), n_faces=int(m))
+        if not grew:
+            break
+    return work
+
+
+def _collapse(work: Work, drift: float, turn: float, short: float = SHORT) -> Work:
+    for _ in range(3):
+        half, share = _edges_by_length(work)
+        w = work
+        if not collapse_edges(half[share < short], w.origin, w.twin, w.out, w.sharp, w.kind, w.goal, w.points, turn, drift, short):
+            break
+    return compacted(work)
+
+
+def _flip(work: Work, drift: float, turn: float) -> None:
+    for _ in range(3):
+        half = np.flatnonzero(np.arange(len(work.twin)) < work.twin)
+        w = work
+        if not flip_edges(half, w.origin, w.twin, w.out, w.sharp, w.kind, w.points, turn, drift):
+            break
+
+
+def _crease_targets(work: Work, guide: Guide) -> tuple[IntArray, FloatArray]:
+    """Crease vertices and the middle of their two neighbours along the crease, put back onto the crease."""
+    h = np.flatnonzero(work.sharp)
+    a, b = work.origin[h], work.origin[h // 3 * 3 + (h + 1) % 3]
+    total = np.stack([np.bincount(a, weights=work.points[b, k], minlength=len(work.points)) for k in range(3)], axis=1)
+    count = np.bincount(a, minlength=len(work.points))
+    which = np.flatnonzero((work.kind == CREASE) & (count == 2))
+    if guide.creases is None or not len(which):
+        return which[:0], np.zeros((0, 3))
+    middle = total[which] / 2
+    old = work.points[which]
+    return which, guide.creases.nearest(old + 0.5 * (middle - old)).closest
+
+
+def _free_targets(work: Work, guide: Guide) -> tuple[IntArray, FloatArray]:
+    """Free vertices and the mean of the centroids of their faces (by area over goal squared), moved in the tangent plane and put back on the surface."""
+    faces = work.origin.reshape(-1, 3)
+    mesh = TriangleMesh(vertices=work.points, faces=faces)
+    tri = work.points[faces]
+    weight = np.linalg.norm(np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0]), axis=1) / work.goal[faces].mean(1) ** 2
+    centre = tri.mean(1) * weight[:, None]
+    n = len(work.points)
+    flat = faces.ravel()
+    total = np.stack([np.bincount(flat, weights=np.repeat(centre[:, k], 3), minlength=n) for k in range(3)], axis=1)
+    total /= np.maximum(np.bincount(flat, weights=np.repeat(weight, 3), minlength=n), 1e-300)[:, None]
+    normal = vertex_normals(mesh)
+    step = total - work.points
+    step -= np.einsum("ij,ij->i", step, normal)[:, None] * normal
+    wanted = work.points + step
+    region = np.full(n, -1, np.int64)
+    region[flat] = np.repeat(work.region, 3)  # all faces of a free vertex lie in one region
+    free = work.kind == FREE
+    for number, plane in guide.planes.items():
+        rows = np.flatnonzero(free & (region == number))
+        wanted[rows] = plane.projected(wanted[rows])
+    rows = np.flatnonzero(free & (region < 0))
+    if len(rows):
+        nearest = guide.surface.nearest(wanted[rows])
+        agree = np.einsum("ij,ij->i", face_normals(guide.surface.mesh)[nearest.face], normal[rows]) > 0.2  # not the far side of a thin wall
+        wanted[rows] = np.where(agree[:, None], nearest.closest, work.points[rows])
+    which = np.flatnonzero(free)
+    return which, wanted[which]
+
+
+def _smooth(work: Work, guide: Guide, turn: float, times: int) -> None:
+    for _ in range(times):
+        for which, wanted in (_crease_targets(work, guide), _free_targets(work, guide)):
+            if len(which):
+                move_vertices(which, wanted, work.origin, work.twin, work.out, work.points, turn, FLOOR)
+
+
+def _round(work: Work, guide: Guide) -> Work:
+    work = _split(work)
+    work = _collapse(compacted(work), guide.drift_m, TURN)
+    _flip(work, guide.drift_m, TURN)
+    _smooth(work, guide, TURN, 2)
+    _flip(work, guide.drift_m, TURN)
+    return work
+
+
+def _held(work: Work, crossing: TriangleMesh, pairs: IntArray, reach: float) -> Work:
+    """The work with every vertex near the crossing faces frozen. `reach` is in goals."""
+    where = TriangleMesh(vertices=crossing.vertices, faces=crossing.faces[np.unique(pairs)])
+    near = PointToMesh(where).nearest(work.points).distance <= reach * work.goal
+    return replace(work, kind=np.where(near, FROZEN, work.kind).astype(np.uint8))
+
+
+def _copy(work: Work) -> Work:
+    names = ("points", "goal", "kind", "out", "origin", "twin", "sharp", "region")
+    return replace(work, **{name: getattr(work, name).copy() for name in names})
+
+
+def isotropic(work: Work, guide: Guide, rounds: int = ROUNDS) -> tuple[Work, int]:
+    """The remeshed work and how many rounds were taken back. The input must be free of crossings; so is the result."""
+    taken_back = 0
+    for _ in range(rounds):
+        for retry in range(RETRIES):
+            trial = _round(_copy(work), guide)
+            mesh = closed(trial)
+            pairs = self_intersections(mesh)
+            if not len(pairs):
+                work = compacted(trial)
+                break
+            taken_back += 1
+            work = _held(work, mesh, pairs, 1.0 + retry)
+        else:
+            break
+    return work, taken_back
+
+
+def sharp_edges(mesh: TriangleMesh, angle_deg: float) -> BoolArray:
+    """(e,) True for edges between regions, and between free faces that meet at more than `angle_deg` off flat."""
+    table = edge_table(mesh.faces)
+    half = np.flatnonzero(table.twin >= 0)
+    normal = face_normals(mesh)
+    turned = np.einsum("ij,ij->i", normal[half // 3], normal[table.twin[half] // 3]) < np.cos(np.radians(angle_deg))
+    region = np.full(len(mesh.faces), -1, np.int64) if mesh.face_region is None else mesh.face_region
+    border = region[half // 3] != region[table.twin[half] // 3]
+    free = (region[half // 3] < 0) & (region[table.twin[half] // 3] < 0)
+    sharp = np.zeros(len(table.edges), bool)
+    sharp[table.edge_of[half[border | (turned & free)]]] = True
+    return sharp
+
+
+def crease_guide(mesh: TriangleMesh, is_sharp: BoolArray) -> PointToMesh | None:
+    """Nearest points on the creases: each edge a triangle without width."""
+    edges = edge_table(mesh.faces).edges[is_sharp]
+    if not len(edges):
+        return None
+    return PointToMesh(TriangleMesh(vertices=mesh.vertices, faces=np.column_stack([edges, edges[:, 1]])))
+
+
+def crease_lengths(mesh: TriangleMesh) -> FloatArray:
+    """(3 m,) length of each half-edge."""
+    ends = half_edges(mesh.faces)
+    return np.asarray(np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1))

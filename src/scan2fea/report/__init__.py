@@ -1,1 +1,1 @@
-"""report (see docs/design.md)."""
+"""report: the page, the console summary and the published schema of report.json; reads saved artifacts only."""

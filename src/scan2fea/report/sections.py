@@ -1,0 +1,203 @@
+"""The section of one object: verdict, what to do, pictures, figures, checks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from scan2fea.report.charts import bars
+from scan2fea.report.figures import camera_for, deviation_figure, origin_figure, points_figure, regions_figure
+from scan2fea.report.markup import Html, figure_cell, joined, table, tag
+from scan2fea.report.parts import anchor, badge, downloads, facts, mark, picture, quality_table, section
+from scan2fea.report.saved import Saved
+from scan2fea.report.solids import Solid, cut_figure, displacement_figure, mode_figure, quality_charts, worst_elements
+from scan2fea.report.words import (
+    check_name,
+    count,
+    dimensions,
+    failed_first,
+    first_frequency_hz,
+    is_number,
+    mass_kg,
+    measured_share,
+    millimetres,
+    number,
+    number_of,
+    percent,
+    quantity,
+    unobserved,
+    volume,
+    with_deviation,
+)
+from scan2fea.types import PointCloud, TriangleMesh
+from scan2fea.units import MILLIMETRES_PER_METRE
+
+Item = Mapping[str, Any]
+
+
+def object_section(saved: Saved, item: Item, place: int, cloud: PointCloud | None, width_px: int) -> Html:
+    """Everything about one object, one page when printed."""
+    surface, solid = saved.surface(item), saved.solid(item)
+    pictures, charts = _pictures(item, cloud, surface, solid, width_px)
+    good = item.get("verdict") == "converted"
+    return tag(
+        "article",
+        tag("h2", tag("span", number_of(item), class_="number"), " ", item.get("kind") or "object", " ", badge(item.get("verdict"))),
+        tag("p", item.get("reason") or "no reason given", class_=f"reason {'good' if good else 'bad'}"),
+        _what_to_do(item),
+        _facts(item, _size(item, cloud, surface)),
+        tag("div", *pictures, class_="pictures") if pictures else Html(""),
+        tag("div", *charts, class_="charts") if charts else Html(""),
+        tag("div", _member(item), _checks(item), _response(item), _shape(item), _mesh(item, solid), _drift(item), class_="parts"),
+        tag("p", "Files: ", downloads(saved.files(item)), class_="files"),
+        id=anchor(place),
+        class_="object",
+    )
+
+
+def size_of(item: Item, cloud: PointCloud | None) -> tuple[float, ...] | None:
+    """The object's extent along its own axes, as recorded, else that of its points."""
+    return _size(item, cloud, None)
+
+
+def _size(item: Item, cloud: PointCloud | None, surface: TriangleMesh | None) -> tuple[float, ...] | None:
+    if item.get("size_m"):
+        return tuple(float(x) for x in item["size_m"])
+    points = surface.vertices if surface is not None and len(surface.vertices) else cloud.points if cloud is not None else np.zeros((0, 3))
+    if len(points) < 3:
+        return None
+    centred = points - points.mean(axis=0)
+    axes = np.linalg.eigh(centred.T @ centred)[1]
+    return tuple(sorted(np.ptp(centred @ axes, axis=0).tolist(), reverse=True))
+
+
+def _pictures(item: Item, cloud: PointCloud | None, surface: TriangleMesh | None, solid: Solid | None, width_px: int) -> tuple[list[Html], list[Html]]:
+    """Pictures in one view, and the charts that go with them."""
+    camera = camera_for(cloud, surface, width_px)
+    if camera is None:
+        return [], []
+    figures = [points_figure(cloud, camera)] if cloud is not None and len(cloud) else []
+    charts: list[Html] = []
+    if surface is not None and len(surface.faces):
+        found = [origin_figure(surface, camera), deviation_figure(surface, camera, item.get("noise_m")), regions_figure(surface, camera, item.get("cad") or {})]
+        figures += [figure for figure in found if figure is not None]
+        charts += [figure.chart for figure in figures if figure.chart]
+    if solid is not None and len(solid.tets):
+        found = [cut_figure(solid, camera), displacement_figure(solid, camera), mode_figure(solid, camera, 1, first_frequency_hz(item))]
+        figures += [figure for figure in found if figure is not None]
+        charts += quality_charts(solid)
+    return [picture(figure) for figure in figures], charts
+
+
+def _what_to_do(item: Item) -> Html:
+    """What would make a failed object convert; of a converted one, what was not observed."""
+    if item.get("verdict") == "converted":
+        hidden = unobserved(item)
+        told = f"Built with {', '.join(hidden)} from the catalogue: the scan could not tell. Measure it before you rely on it."
+        return tag("p", told, class_="note") if hidden else Html("")
+    says = [str(check.get("says")) for check in item.get("checks") or [] if not check.get("passed") and check.get("says")]
+    more = [text for text in dict.fromkeys(says) if text != item.get("reason")]
+    return tag("div", tag("b", "What else stands in the way"), tag("ul", *(tag("li", text) for text in more)), class_="note") if more else Html("")
+
+
+def _facts(item: Item, size: Sequence[float] | None) -> Html:
+    surface, cad, fea = item.get("surface") or {}, item.get("cad") or {}, item.get("fea") or {}
+    mass, frequency, share = mass_kg(item), first_frequency_hz(item), measured_share(item)
+    rows: list[tuple[str, object]] = [("Size along its axes", dimensions(size))]
+    rows += [("Volume", volume(surface["volume_m3"]))] if is_number(surface.get("volume_m3")) and surface.get("closed") else []
+    rows += [("Surface", f"{number(surface['area_m2'])} m\u00b2")] if is_number(surface.get("area_m2")) else []
+    rows += [("Mass", f"{number(mass)} kg")] if mass is not None else []
+    rows += [("First frequency, free", f"{number(frequency)} Hz")] if frequency is not None else []
+    rows += [("Points", count(item.get("n_points")))]
+    rows += [("Spacing of the points", millimetres(item["spacing_m"]))] if is_number(item.get("spacing_m")) else []
+    rows += [("Noise (\u03c3)", millimetres(item["noise_m"]))] if is_number(item.get("noise_m")) else []
+    rows += [("Sensor position", item["sensor"])] if item.get("sensor") else []
+    rows += [("Measured surface", percent(share))] if share is not None else []
+    if cad:
+        kinds = [(cad.get("n_planar"), "planar"), (cad.get("n_cylindrical"), "cylindrical"), (cad.get("n_nurbs"), "free-form")]
+        rows += [("CAD faces", f"{count(cad.get('n_faces'))} ({', '.join(f'{count(n)} {kind}' for n, kind in kinds if n)})")]
+    rows += [("Elements", f"{count((item.get('volume') or {}).get('n_tets'))} {fea.get('elements', '')}")] if item.get("volume") else []
+    rows += [("Material", fea["material"].get("name", "\u2013"))] if fea.get("material") else []
+    rows += [("Made by", f"{item.get('route', '\u2013')}: {item.get('route_reason') or 'no reason given'}")]
+    return facts(rows)
+
+
+def _member(item: Item) -> Html:
+    """Dimensions of a fitted member with their standard deviations, and what the catalogue says."""
+    member = item.get("member")
+    if not member:
+        return Html("")
+    rows = []
+    for name, value in (member.get("parameters") or {}).items():
+        seen = value.get("observable", True)
+        std = value.get("std_m")
+        shown = with_deviation(value["value_m"] * MILLIMETRES_PER_METRE, std * MILLIMETRES_PER_METRE if std is not None and seen else None)
+        rows.append([name, figure_cell(f"{shown} mm", "value"), "measured" if seen else "not observable: from the catalogue"])
+    likely = [(str(row.get("name")), float(row.get("probability") or 0), percent(row.get("probability"))) for row in (member.get("catalogue") or [])[:6]]
+    classes = ["" if value.get("observable", True) else "prior" for value in (member.get("parameters") or {}).values()]
+    return section(f"Member {member.get('family', '')}", table(("dimension", "value", "from"), rows, row_classes=classes), bars(likely, title="Catalogue", caption="Probability of each section."))
+
+
+def _checks(item: Item) -> Html:
+    checks = failed_first(item.get("checks") or [])
+    rows = []
+    for check in checks:
+        unit = str(check.get("unit", ""))
+        cells = (figure_cell(quantity(check.get(key), unit), key) for key in ("value", "limit"))
+        rows.append([check_name(check.get("name")), *cells, mark(check.get("passed"))])
+    classes = ["" if check.get("passed") else "bad-row" for check in checks]
+    return section("Checks", table(("check", "value", "limit", "result"), rows, row_classes=classes)) if rows else Html("")
+
+
+def _response(item: Item) -> Html:
+    """The load cases: what was computed, what was expected, by how much they differ."""
+    rows = []
+    for case in (item.get("fea") or {}).get("cases") or []:
+        unit, value, std = str(case.get("unit") or ""), case.get("value"), case.get("std")
+        shown = quantity(value, unit) + (f" \u00b1 {quantity(std, unit)}" if is_number(std) else "")
+        cells = [figure_cell(shown, "value"), figure_cell(quantity(case.get("expected"), unit), "expected"), figure_cell(percent(case.get("relative_error")), "error")]
+        rows.append([case.get("name"), case.get("measure"), *cells])
+    frequencies = [f"{number(f)} Hz" for f in (item.get("fea") or {}).get("frequencies_hz") or [] if is_number(f)][:6]
+    modes = tag("p", f"Elastic frequencies of the free body: {', '.join(frequencies)}.") if frequencies else Html("")
+    solver = (item.get("fea") or {}).get("solver")
+    told = tag("p", f"Solved by: {solver}; {count(item['fea'].get('dof'))} unknowns.") if solver else Html("")
+    return section("Response", table(("load case", "measure", "value", "expected", "error"), rows), modes, told) if rows else Html("")
+
+
+def _shape(item: Item) -> Html:
+    """How far the points lie from the final surface."""
+    found = item.get("deviation")
+    if not found:
+        return Html("")
+    names = (("mean_m", "mean (signed)"), ("rms_m", "root mean square"), ("p95_m", "95 % of the points within"), ("max_m", "largest"))
+    rows = [[label, figure_cell(millimetres(found.get(key)), "distance")] for key, label in names]
+    return section("Points against the final surface", table(("distance", "value"), rows, class_="narrow"))
+
+
+def _mesh(item: Item, solid: Solid | None) -> Html:
+    parts = [(name, (item.get(name) or {}).get("quality")) for name in ("surface", "volume")]
+    tables = [joined((tag("h4", {"surface": "Triangles of the surface", "volume": "Tetrahedra"}[name]), quality_table(quality))) for name, quality in parts if quality]
+    if solid is not None and len(solid.tets):
+        rows = []
+        for element, angle, centre in worst_elements(solid):
+            where = ", ".join(number(x * MILLIMETRES_PER_METRE) for x in centre)
+            rows.append([count(element), figure_cell(f"{number(angle)}\u00b0", "smallest dihedral"), figure_cell(where, "centroid, mm")])
+        tables.append(joined((tag("h4", "The five worst elements"), table(("element", "smallest dihedral", "centroid, mm"), rows))))
+    return section("Mesh quality", *tables)
+
+
+def _drift(item: Item) -> Html:
+    """What each step did to the shape: the ledger, and its 95 % distances as bars."""
+    ledger = item.get("drift") or []
+    rows, lengths = [], []
+    first = next((row["volume_m3"] for row in ledger if is_number(row.get("volume_m3")) and row["volume_m3"]), None)
+    for row in ledger:
+        held, p95 = row.get("volume_m3"), row.get("p95_m")
+        change = f"{100 * (held / first - 1):+.2f} %".replace("-", "\u2212") if first and is_number(held) else "\u2013"
+        cells = [(millimetres(row.get("thickness_m")), "thickness"), (millimetres(p95), "95 % of the points within"), (volume(held), "volume"), (change, "change")]
+        rows.append([row.get("step"), *(figure_cell(value, label) for value, label in cells)])
+        lengths += [(str(row.get("step")), float(p95), millimetres(p95))] if is_number(p95) else []
+    chart = bars(lengths, title="Distance of 95 % of the points after each step")
+    return section("What each step changed", table(("step", "thickness", "95 % of the points within", "volume", "change"), rows), chart) if rows else Html("")

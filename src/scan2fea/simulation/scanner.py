@@ -27,7 +27,7 @@ _POISSON_MEAN = 0.978
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulationOptions:
+class LabOptions:
     """How the scene is scanned."""
 
     noise_m: float = option(0.0005, "Standard deviation of the range, along the ray", unit="m", minimum=0.0)
@@ -52,7 +52,7 @@ class LabScan(Value):
 SCENES: dict[str, Callable[[], Lab]] = {"lab": demo_lab}
 
 
-def simulate(lab: Lab, options: SimulationOptions = SimulationOptions()) -> LabScan:
+def simulate(lab: Lab, options: LabOptions = LabOptions()) -> LabScan:
     """Scan the lab from its stations. The same lab, options and seed give the same bytes.
 
     Raises InputError if there is no station or no object.
@@ -73,6 +73,11 @@ def simulate(lab: Lab, options: SimulationOptions = SimulationOptions()) -> LabS
     return LabScan(scans=scans, truth=lab.objects, seen=seen)
 
 
+def simulate_lab(options: LabOptions = LabOptions()) -> LabScan:
+    """Scan the demo lab."""
+    return simulate(demo_lab(), options)
+
+
 def _scene(lab: Lab) -> tuple[RayScene, IntArray]:
     first = np.cumsum([0] + [len(o.mesh.vertices) for o in lab.objects])
     vertices = np.concatenate([o.mesh.vertices for o in lab.objects])
@@ -80,7 +85,7 @@ def _scene(lab: Lab) -> tuple[RayScene, IntArray]:
     return ray_scene(vertices, faces), np.repeat(np.arange(len(lab.objects)), [len(o.mesh.faces) for o in lab.objects])
 
 
-def _aimed(lab: Lab, thing: SceneObject, scene: RayScene, options: SimulationOptions, rng: np.random.Generator) -> tuple[FloatArray, IntArray, float]:
+def _aimed(lab: Lab, thing: SceneObject, scene: RayScene, options: LabOptions, rng: np.random.Generator) -> tuple[FloatArray, IntArray, float]:
     """Aim points (k, 3) on one object, the station (k,) that shoots each, and the share of all aim points that is seen."""
     n = round(options.density * area(thing.mesh) * (_POISSON_MEAN / thing.spacing_m) ** 2)
     target, face = sample_surface(thing.mesh, max(n, 1), int(rng.integers(2**31)))
@@ -109,7 +114,7 @@ def _overview(step_rad: float) -> FloatArray:
     return np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], 1)
 
 
-def _scan(lab: Lab, s: int, target: FloatArray, scene: RayScene, object_of_face: IntArray, options: SimulationOptions) -> Scan:
+def _scan(lab: Lab, s: int, target: FloatArray, scene: RayScene, object_of_face: IntArray, options: LabOptions) -> Scan:
     """All rays of one station, with their returns; the station's own stream of noise."""
     rng = np.random.default_rng([options.seed, s])
     position = lab.stations[s]

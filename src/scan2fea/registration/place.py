@@ -1,0 +1,149 @@
+"""Put every input where its pose says, and measure how well the inputs then agree. Nothing is corrected here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2fea.errors import EmptyScanError, InternalError, require
+from scan2fea.kernel.neighbors import k_nearest
+from scan2fea.kernel.noise import sampled_rows, spacing
+from scan2fea.kernel.transforms import applied, rotated
+from scan2fea.options import option
+from scan2fea.types import FloatArray, PointCloud, Rays, Scan, Trajectory, Value
+
+_QUERIES = 2_000  # points of a frame that are compared
+_OTHERS = 100_000  # points of the other frames they are compared with
+_OVERLAP_SPACINGS = 10.0  # farther from the others than this is not overlap but another part of the scene
+_NOT_KNOWN = {
+    "label": -1,
+    "is_inferred": False,
+    "intensity": np.nan,
+    "sigma_along_m": np.nan,
+    "sigma_across_m": np.nan,
+    "normals": None,
+    "colour": None,
+}
+_AGREE_SPACINGS = 3.0  # docs/design.md: inputs agree if their median nearest distance where they overlap is below 3 spacings
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegistrationOptions:
+    """Where the inputs stand relative to each other."""
+
+    mode: str = option("placed", "placed: inputs stay where their files or `poses` put them", choices=("placed",))
+    poses: str = option("", "File with the pose of each input (bun.conf, graph.txt, TUM, KITTI, 4 x 4 matrices, .npy); empty: as they lie")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Placed(Value):
+    """All inputs in one frame.
+
+    scan : the points of all placed inputs, `frame` = input number, rays moved with them.   agreement_m : (k,) median distance to the
+    nearest point of the other inputs where they overlap, nan where they do not.   notes : sentences for the report.
+    """
+
+    scan: Scan
+    trajectory: Trajectory
+    agreement_m: FloatArray
+    notes: tuple[str, ...]
+
+
+def place(
+    scans: Sequence[Scan], T_world_frame: Sequence[FloatArray | None], names: Sequence[str], options: RegistrationOptions = RegistrationOptions()
+) -> Placed:
+    """Join the scans into one.
+
+    T_world_frame : one per scan. None: the scan stays as it lies if no file of poses was given, else it is left out, because its place
+    is not known. Raises EmptyScanError if no point is left.
+    """
+    require(len(scans) == len(T_world_frame) == len(names), InternalError, "place needs one pose and one name per scan")
+    as_it_lies = np.eye(4) if not options.poses else None
+    poses = [as_it_lies if T is None else T for T in T_world_frame]
+    placed = np.array([T is not None for T in poses])
+    moved = [_moved(scan, T, frame) for frame, (scan, T) in enumerate(zip(scans, poses, strict=True)) if T is not None]
+    require(sum(len(scan.cloud) for scan in moved), EmptyScanError, "no input is left after placing: none has a point and a pose")
+    scan = joined(moved)
+    stacked = np.array([np.full((4, 4), np.nan) if T is None else T for T in poses])
+    agreement = _agreement(scan.cloud, len(scans))
+    notes = [f"{names[k]}: left out, {options.poses} gives no pose for it" for k in np.flatnonzero(~placed).tolist()]
+    notes += _disagreements(scan.cloud, agreement, names)
+    return Placed(scan=scan, trajectory=Trajectory(T_world_frame=stacked, placed=placed), agreement_m=agreement, notes=tuple(notes))
+
+
+def _moved(scan: Scan, T_world_frame: FloatArray, frame: int) -> Scan:
+    cloud = scan.cloud
+    number = np.full(len(cloud), frame, np.int64)
+    if np.array_equal(T_world_frame, np.eye(4)):  # bytes stay as they were
+        return Scan(cloud=cloud.replaced(frame=number), rays=scan.rays)
+    normals = None if cloud.normals is None else rotated(T_world_frame, cloud.normals)
+    moved = cloud.replaced(points=applied(T_world_frame, cloud.points), normals=normals, frame=number)
+    if scan.rays is None:
+        return Scan(cloud=moved)
+    old = scan.rays
+    rays = Rays(
+        origin=applied(T_world_frame, old.origin),
+        direction=rotated(T_world_frame, old.direction),
+        range_m=old.range_m,
+        time_s=old.time_s,
+        ring=old.ring,
+        footprint_rad=old.footprint_rad,
+    )
+    return Scan(cloud=moved, rays=rays)
+
+
+def joined(scans: Sequence[Scan]) -> Scan:
+    """One scan of all points and rays, in order.
+
+    A column that some inputs lack is filled for `label` (-1), `is_inferred` (False), `intensity` and the sigmas (nan), and dropped for normals and
+    colour, which have no value that says "not known".
+    """
+    first = np.cumsum([0] + [0 if s.rays is None else len(s.rays) for s in scans])
+    ray = [np.where(s.cloud.ray >= 0, s.cloud.ray + offset, -1) for s, offset in zip(scans, first, strict=False)]
+    columns = {name: np.concatenate([getattr(s.cloud, name) for s in scans]) for name in ("points", "frame", "raw_index")}
+    for name, filler in _NOT_KNOWN.items():
+        given = [getattr(s.cloud, name) for s in scans]
+        if all(g is None for g in given) or (filler is None and any(g is None for g in given)):
+            continue
+        columns[name] = np.concatenate([np.full(len(s.cloud), filler) if g is None else g for s, g in zip(scans, given, strict=True)])
+    return Scan(cloud=PointCloud(ray=np.concatenate(ray), **columns), rays=_joined_rays([s.rays for s in scans if s.rays is not None]))
+
+
+def _joined_rays(rays: Sequence[Rays]) -> Rays | None:
+    if not rays:
+        return None
+    columns = {name: np.concatenate([getattr(r, name) for r in rays]) for name in ("origin", "direction", "range_m")}
+    for name in ("time_s", "ring", "footprint_rad"):
+        given = [getattr(r, name) for r in rays]
+        if all(g is not None for g in given):
+            columns[name] = np.concatenate(given)
+    return Rays(**columns)
+
+
+def _agreement(cloud: PointCloud, n_frames: int) -> FloatArray:
+    """(k,) per frame, from a seeded draw of its points against a seeded draw of the others'."""
+    median = np.full(n_frames, np.nan)
+    if len(np.unique(cloud.frame)) < 2:
+        return median
+    for frame in range(n_frames):
+        own, others = cloud.points[cloud.frame == frame], cloud.points[cloud.frame != frame]
+        if len(own) < 2 or len(others) < 2:
+            continue
+        others = others[sampled_rows(len(others), _OTHERS, frame)]
+        distance = k_nearest(others, 1, own[sampled_rows(len(own), _QUERIES, frame)])[0][:, 0]
+        near = distance[distance <= _OVERLAP_SPACINGS * max(spacing(own), spacing(others))]
+        if len(near) > 0.02 * len(distance):
+            median[frame] = np.median(near)
+    return median
+
+
+def _disagreements(cloud: PointCloud, agreement: FloatArray, names: Sequence[str]) -> list[str]:
+    bad = []
+    for frame in np.flatnonzero(np.isfinite(agreement)).tolist():
+        limit = _AGREE_SPACINGS * spacing(cloud.points[cloud.frame == frame])
+        if agreement[frame] > limit:
+            says = f"lies {agreement[frame]:.3g} m from the other inputs where they overlap (limit {limit:.3g} m); check its pose"
+            bad.append(f"{names[frame]}: {says}")
+    return bad

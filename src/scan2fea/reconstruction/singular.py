@@ -20,8 +20,9 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 SMALL_PART = 0.002  # of the volume of the largest part
 VOID_VOTES = 3.0  # sight lines that must leave an enclosed void for it to be kept as a cavity
 VOLUME_PRICE = 20.0  # votes per cubic spacing
-FREE_ROUNDS = 40
-ANY_FLIP, FILL, DIG = 0, 1, 2
+HEAT = 2.0  # a tet that was relabelled costs this many times more to relabel again: two fans cannot undo each other for ever
+FREE_ROUNDS = 200
+ANY_FLIP, DIG = 0, 1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -48,19 +49,18 @@ def resolve(tetra: Tetrahedralisation, inside: BoolArray, capacity: FloatArray, 
     cleaned, dropped, filled, _ = clean(tetra, inside, capacity, source)
     first, incident = tetra.incidence()
     bulk = VOLUME_PRICE * tetra.volumes() / spacing_m**3
+    fill_price, dig_price = source + capacity.sum(axis=1) + bulk, sink + bulk
     label = np.array(cleaned)
     dirty = np.ones(tetra.n_input, np.bool_)
-    rounds, mode, n_singular = 0, ANY_FLIP, -1
+    rounds, n_singular = 0, -1
     while True:
-        args = (tetra.tets, tetra.neighbors, first, incident, tetra.is_box, source + capacity.sum(axis=1) + bulk, sink + bulk)
-        singular, flips, dirty = _relabel(*args, dirty, label, mode)
+        mode = ANY_FLIP if rounds < FREE_ROUNDS else DIG  # digging alone must end: every flip makes the inside smaller
+        singular, flips, dirty = _relabel(tetra.tets, tetra.neighbors, first, incident, tetra.is_box, fill_price, dig_price, dirty, label, mode)
         n_singular = singular if n_singular < 0 else n_singular
         if singular == 0:
             break
         rounds += 1
-        if flips == 0 or (mode == ANY_FLIP and rounds >= FREE_ROUNDS):
-            require(mode < DIG, InternalError, f"{singular} singular vertices can be neither filled nor dug away")
-            mode += 1  # filling alone must end, then digging alone must end
+        require(flips > 0, InternalError, f"{singular} singular vertices can be neither filled nor dug away")
     label, more_dropped, more_filled, n_parts = clean(tetra, label, capacity, source)
     return Resolved(
         inside=label, n_singular=n_singular, n_rounds=rounds, n_parts=n_parts, n_dropped=dropped + more_dropped, n_filled=filled + more_filled
@@ -144,7 +144,7 @@ def _cheapest(
         price[fan[k]] += np.inf if is_box[t] else (dig_price[t] if label[t] else fill_price[t])
     best = -1
     for f in range(n_fans):
-        allowed = mode == ANY_FLIP or filling[f] == (mode == FILL)
+        allowed = mode == ANY_FLIP or not filling[f]
         if allowed and price[f] < np.inf and (best < 0 or price[f] < price[best]):
             best = f
     return best
@@ -155,7 +155,7 @@ def _relabel(
     tets: IntArray, neighbors: IntArray, first: IntArray, incident: IntArray, is_box: BoolArray,
     fill_price: FloatArray, dig_price: FloatArray, dirty: BoolArray, label: BoolArray, mode: int,
 ) -> tuple[int, int, BoolArray]:  # fmt: skip
-    """One round over the dirty vertices, `label` changed in place: (singular vertices, flips, vertices to look at next)."""
+    """One round over the dirty vertices, `label` and the prices changed in place: (singular vertices, flips, vertices to look at next)."""
     slot = np.zeros(len(tets), np.int64)
     largest = 0
     for v in range(len(dirty)):
@@ -180,6 +180,8 @@ def _relabel(
             if fan[k] == chosen:
                 t = star[k]
                 label[t] = not label[t]
+                fill_price[t] *= HEAT
+                dig_price[t] *= HEAT
                 for i in range(4):
                     if tets[t, i] < len(again):
                         again[tets[t, i]] = True

@@ -1,1 +1,5 @@
-"""remeshing (see docs/design.md)."""
+"""Remeshing: planes snapped flat, creases kept, triangles of finite element size (see docs/design.md)."""
+
+from scan2fea.remeshing.remesh import Remeshed, RemeshOptions, remesh
+
+__all__ = ["RemeshOptions", "Remeshed", "remesh"]

@@ -79,7 +79,7 @@ def _fan_accepts(
             break
     if worst < floor and worst < worst_old:
         return -1.0
-    return worst
+    return float(worst)
 
 
 @jit
@@ -112,7 +112,7 @@ def split_edges(
     for h in queue:
         t = twin[h]
         f, g = h // 3, t // 3
-        h1, h2, t1, t2 = f * 3 + (h + 1) % 3, f * 3 + (h + 2) % 3, g * 3 + (t + 1) % 3, g * 3 + (t + 2) % 3
+        h1, h2, t2 = f * 3 + (h + 1) % 3, f * 3 + (h + 2) % 3, g * 3 + (t + 2) % 3
         a, b, c, d = origin[h], origin[h1], origin[h2], origin[t2]
         if kind[a] == FROZEN or kind[b] == FROZEN or kind[c] == FROZEN or kind[d] == FROZEN:
             continue
@@ -213,7 +213,7 @@ def _fits_after_collapse(
         for k in range(3):
             gap += (points[a, k] - points[b, k]) ** 2
         gap = np.sqrt(gap)
-    return gap <= drift and _fan_accepts(a, points[b], b, origin, twin, out, points, turn, GOOD) >= 0
+    return bool(gap <= drift and _fan_accepts(a, points[b], b, origin, twin, out, points, turn, GOOD) >= 0)
 
 
 @jit
@@ -233,7 +233,9 @@ def collapse_edges(
         if np.sqrt(length) >= short * 0.5 * (goal[a] + goal[b]):
             continue
         for h in (queued, twin[queued]):
-            if not _may_collapse(h, origin, twin, out, sharp, kind) or not _fits_after_collapse(h, origin, twin, out, goal, points, turn, drift, LONG):
+            if not _may_collapse(h, origin, twin, out, sharp, kind):
+                continue
+            if not _fits_after_collapse(h, origin, twin, out, goal, points, turn, drift, LONG):
                 continue
             t = twin[h]
             h1, h2, t1, t2 = h // 3 * 3 + (h + 1) % 3, h // 3 * 3 + (h + 2) % 3, t // 3 * 3 + (t + 1) % 3, t // 3 * 3 + (t + 2) % 3
@@ -301,7 +303,7 @@ def flip_edges(
 def move_vertices(
     queue: IntArray, wanted: FloatArray, origin: IntArray, twin: IntArray, out: IntArray, points: FloatArray, turn: float, floor: float
 ) -> int:
-    """Move each queued vertex to its wanted place, or half the way, where no face around it turns over or gets worse than `floor`. Returns how many."""
+    """Move each queued vertex to its wanted place, or half the way, where no face around it turns over or falls under `floor`. Returns how many."""
     count = 0
     for i in range(len(queue)):
         v = queue[i]

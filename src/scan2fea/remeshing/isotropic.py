@@ -7,6 +7,7 @@ surface is tested for crossings; a round that made one is taken back and repeate
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ FLOOR = 0.35  # a vertex is not moved where a face falls under this shape, unles
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Work:
-    """The half-edge arrays of `halfedge`, with room behind the first n_vertices and n_faces. The arrays are written to; each round works on a copy."""
+    """The half-edge arrays of `halfedge`, with room behind the first n_vertices and n_faces. Its arrays are written to."""
 
     points: FloatArray
     goal: FloatArray
@@ -94,7 +95,7 @@ def _roomy(work: Work, n: int) -> Work:
     """A compact copy with room for n more vertices and 2 n more faces."""
     work = compacted(work)
     pad = {"points": n, "goal": n, "kind": n, "out": n, "origin": 6 * n, "twin": 6 * n, "sharp": 6 * n, "region": 2 * n}
-    grown = {name: np.concatenate([old := getattr(work, name), np.zeros((k, *old.shape[1:]), old.dtype)]) for name, k in pad.items()}
+    grown: dict[str, Any] = {name: np.concatenate([old := getattr(work, name), np.zeros((k, *old.shape[1:]), old.dtype)]) for name, k in pad.items()}
     return replace(work, **grown)
 
 
@@ -158,7 +159,7 @@ def _crease_targets(work: Work, guide: Guide) -> tuple[IntArray, FloatArray]:
 
 
 def _free_targets(work: Work, guide: Guide) -> tuple[IntArray, FloatArray]:
-    """Free vertices and the mean of the centroids of their faces (by area over goal squared), moved in the tangent plane and put back on the surface."""
+    """Free vertices and the mean of the centroids of their faces (by area over goal squared), in the tangent plane, back on the surface."""
     faces = work.origin.reshape(-1, 3)
     mesh = TriangleMesh(vertices=work.points, faces=faces)
     tri = work.points[faces]
@@ -167,9 +168,9 @@ def _free_targets(work: Work, guide: Guide) -> tuple[IntArray, FloatArray]:
     n = len(work.points)
     flat = faces.ravel()
     total = np.stack([np.bincount(flat, weights=np.repeat(centre[:, k], 3), minlength=n) for k in range(3)], axis=1)
-    total /= np.maximum(np.bincount(flat, weights=np.repeat(weight, 3), minlength=n), 1e-300)[:, None]
+    share = np.maximum(np.bincount(flat, weights=np.repeat(weight, 3), minlength=n), 1e-300)
     normal = vertex_normals(mesh)
-    step = total - work.points
+    step = total / share[:, None] - work.points
     step -= np.einsum("ij,ij->i", step, normal)[:, None] * normal
     wanted = work.points + step
     region = np.full(n, -1, np.int64)

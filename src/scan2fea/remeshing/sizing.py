@@ -1,0 +1,88 @@
+"""How long edges should be, vertex by vertex: short on tight curves and thin walls, long elsewhere, and few enough faces in all."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scan2fea.kernel.measures import face_areas, face_normals, vertex_normals
+from scan2fea.kernel.rays import first_hits, scene_of
+from scan2fea.kernel.topology import EdgeTable, edge_table
+from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
+
+CHORD = 0.05  # of the edge: how far an edge may cut a curve short
+WALL_EDGES = 2.0  # of the thickness: longer edges leave flat tets in a wall
+GROWTH = 0.3  # of the distance: how fast the goal may change along the surface
+SMOOTHING = 3  # rounds over the normals before curvature is read from them
+FACE_AREA = 3**0.5 / 4  # of an equilateral triangle of edge 1
+
+
+def _smoothed_normals(mesh: TriangleMesh, table: EdgeTable, is_sharp: BoolArray) -> FloatArray:
+    """Face normals averaged over neighbours by area, not across sharp edges."""
+    half = np.flatnonzero((table.twin >= 0) & ~is_sharp[table.edge_of])
+    f, g = half // 3, table.twin[half] // 3
+    areas = face_areas(mesh)
+    normal = face_normals(mesh)
+    for _ in range(SMOOTHING):
+        total = normal * areas[:, None]
+        for k in range(3):
+            total[:, k] += np.bincount(f, weights=normal[g, k] * areas[g], minlength=len(normal))
+        normal = total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
+    return np.asarray(normal)
+
+
+def curvature(mesh: TriangleMesh, is_sharp: BoolArray) -> FloatArray:
+    """(n,) 1/m, the strongest bend at a vertex: angle between smoothed normals over the distance of the faces, not across sharp edges."""
+    table = edge_table(mesh.faces)
+    normal = _smoothed_normals(mesh, table, is_sharp)
+    half = np.flatnonzero((table.twin > np.arange(len(table.twin))) & ~is_sharp[table.edge_of])
+    f, g = half // 3, table.twin[half] // 3
+    middle = mesh.vertices[mesh.faces].mean(1)
+    angle = np.arctan2(np.linalg.norm(np.cross(normal[f], normal[g]), axis=1), (normal[f] * normal[g]).sum(1))
+    ends = table.edges[table.edge_of[half]]
+    # slivers put centroids arbitrarily near each other: an edge bends over at least a third of its length
+    length = np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)
+    bend = angle / np.maximum(np.linalg.norm(middle[f] - middle[g], axis=1), np.maximum(length / 3, 1e-300))
+    out = np.zeros(len(mesh.vertices))
+    for k in range(2):
+        np.maximum.at(out, ends[:, k], bend)
+    return out
+
+
+def thickness(mesh: TriangleMesh) -> FloatArray:
+    """(n,) metres from each vertex straight inward to the other side, inf where nothing is hit."""
+    inward = -vertex_normals(mesh)
+    step = 1e-6 * float(np.ptp(mesh.vertices, axis=0).max(initial=0.0))
+    t, _ = first_hits(scene_of(mesh), mesh.vertices + step * inward, inward)
+    return np.asarray(t + step)
+
+
+def graded(goal: FloatArray, mesh: TriangleMesh, edges: IntArray) -> FloatArray:
+    """The goal lowered so that it grows by no more than GROWTH times the distance along edges."""
+    length = GROWTH * np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
+    goal = goal.copy()
+    for _ in range(50):
+        before = goal.copy()
+        np.minimum.at(goal, edges[:, 0], before[edges[:, 1]] + length)
+        np.minimum.at(goal, edges[:, 1], before[edges[:, 0]] + length)
+        if np.array_equal(goal, before):
+            break
+    return goal
+
+
+def edge_goal(mesh: TriangleMesh, is_sharp: BoolArray, edge_m: float, finest_m: float, max_faces: int) -> FloatArray:
+    """(n,) metres: `edge_m` where the surface is flat and thick, down to `finest_m` where it bends or is thin; longer if faces would be too many."""
+    bend = curvature(mesh, is_sharp)
+    wall = WALL_EDGES * thickness(mesh)
+    edges = edge_table(mesh.faces).edges
+    areas = face_areas(mesh)
+    finest = finest_m
+    for _ in range(30):
+        curved = np.sqrt(np.divide(8 * CHORD * edge_m, bend, out=np.full(len(bend), np.inf), where=bend > 0))  # sagitta = L^2 / 8 R
+        goal = graded(np.clip(np.minimum(curved, wall), finest, max(edge_m, finest)), mesh, edges)
+        n_faces = float((areas / (FACE_AREA * goal[mesh.faces].mean(1) ** 2)).sum())
+        if n_faces <= max_faces:
+            break
+        edge_m *= max(1.03, min((n_faces / max_faces) ** 0.5, 1.5))
+        if edge_m > 4 * finest:
+            finest *= 1.1  # even the fine places cost too much
+    return goal

@@ -75,7 +75,8 @@ def _residuals(points: FloatArray, near: IntArray, weight: FloatArray | None) ->
     patch = patch - (w[..., None] * patch).sum(axis=1, keepdims=True) / np.maximum(used, 1.0)[:, None, None]
     values, axes = np.linalg.eigh(np.einsum("mk,mki,mkj->mij", w, patch, patch) / np.maximum(used, 1.0)[:, None, None])
     width = np.sqrt(np.maximum(values[:, 1], 0.0))
-    scale = np.maximum(np.sqrt(np.maximum(values[:, 2], 0.0)), np.finfo(float).tiny)
+    scale = np.sqrt(np.maximum(values[:, 2], 0.0))
+    scale = np.where(scale > 0, scale, 1.0)  # a patch of one point
     z, y, x = np.moveaxis(np.einsum("mki,mij->mkj", patch, axes), -1, 0) / scale[:, None]
     basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], -1) * w[..., None]
     normal_matrix = np.einsum("mki,mkj->mij", basis, basis) + 1e-12 * used[:, None, None] * np.eye(_QUADRIC_TERMS)

@@ -1,1 +1,27 @@
-"""reconstruction (see docs/design.md)."""
+"""Reconstruction: points of one object to a closed surface. The only place where the name of a method becomes a function."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from scan2fea.errors import UsageError, require
+from scan2fea.options import option
+from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
+from scan2fea.types import Scan
+
+METHODS: Mapping[str, Callable[[Scan, VisibilityOptions], Reconstruction]] = {"visibility": visibility}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReconstructionOptions(VisibilityOptions):
+    method: str = option("visibility", "how the surface is found", choices=tuple(METHODS))
+
+
+def reconstruct(scan: Scan, options: ReconstructionOptions = ReconstructionOptions()) -> Reconstruction:
+    """The closed surface of one object by `options.method`. Raises UsageError for an unknown method, ReconstructionError where there is none."""
+    require(options.method in METHODS, UsageError, f"reconstruction.method {options.method!r}: use one of {', '.join(METHODS)}")
+    return METHODS[options.method](scan, options)
+
+
+__all__ = ["METHODS", "Reconstruction", "ReconstructionOptions", "VisibilityOptions", "reconstruct", "visibility"]

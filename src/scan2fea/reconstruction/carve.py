@@ -75,6 +75,9 @@ def carve(
 
 def pseudo_sensors(points: FloatArray, normals: FloatArray, spacing_m: float) -> FloatArray:
     """(n, 3) p + n min(4 h, half the gap in front of p)."""
-    reach = PSEUDO_REACH * spacing_m
-    gap = wall_depth(points, normals, spacing_m, 2.0 * reach, outward=True)
-    return np.asarray(points + normals * np.fmin(reach, 0.5 * gap)[:, None])
+    return np.asarray(points + normals * np.fmin(PSEUDO_REACH * spacing_m, 0.5 * gaps(points, normals, spacing_m))[:, None])
+
+
+def gaps(points: FloatArray, normals: FloatArray, spacing_m: float) -> FloatArray:
+    """(n,) width of the gap in front of each point, nan where nothing faces it within twice the stand-off of a pseudo-sensor."""
+    return wall_depth(points, normals, spacing_m, 2.0 * PSEUDO_REACH * spacing_m, outward=True)

@@ -1,0 +1,77 @@
+"""The surface where nobody says from where the points were seen: answers to "which side is outside" are tried until one passes every gate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2fea.errors import ReconstructionError
+from scan2fea.kernel.delaunay import Tetrahedralisation
+from scan2fea.reconstruction.carve import Carved, carve, gaps
+from scan2fea.reconstruction.denoise import first_normals
+from scan2fea.reconstruction.gates import Evidence, Unseen, failed, gates_unseen
+from scan2fea.reconstruction.outside import Flood, OutsideOptions, floods, prepare, reached
+from scan2fea.reconstruction.winding import polish
+from scan2fea.types import BoolArray, Check, FloatArray, Value
+
+FLOOD_SOURCE = 2.0  # votes of a tet the ball reaches among the denoised points
+BALL_AGAIN = 1.1  # the ball that rolls among the denoised points, against the first
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Answer(Value):
+    """One surface, the answer it rests on, and what the gates say of it."""
+
+    carved: Carved
+    sigma_m: float
+    flood: Flood
+    checks: tuple[Check, ...]
+    n_tried: int
+
+
+def unseen(points: FloatArray, is_inferred: BoolArray | None, options: OutsideOptions, quality_weight: float) -> Answer:
+    """The first answer that passes all gates, else the one that fails the fewest. Raises ReconstructionError if none gives a surface."""
+    setting = prepare(points, options.seed)
+    best: Answer | None = None
+    reason = "the rolling ball gives no answer"
+    n = 0
+    for n, flood in enumerate(floods(setting, options), start=1):
+        try:
+            answer = _answer(points, is_inferred, flood, setting.spacing_m, quality_weight, options.seed, n)
+        except ReconstructionError as error:
+            reason = str(error)
+            continue
+        if best is None or len(failed(answer.checks)) < len(failed(best.checks)):
+            best = answer
+        if not failed(answer.checks):
+            break
+    if best is None:
+        raise ReconstructionError(f"no surface in {n} attempts without sensor positions ({reason}): give the sensor position")
+    return best
+
+
+def _answer(points: FloatArray, is_inferred: BoolArray | None, flood: Flood, spacing_m: float, quality_weight: float, seed: int, n: int) -> Answer:
+    polished = polish(points, flood.signed, spacing_m)
+    normals, sigma = first_normals(points, polished, spacing_m)
+
+    def prior(tetra: Tetrahedralisation) -> FloatArray:
+        return np.where(reached(tetra, BALL_AGAIN * flood.ball_m), FLOOD_SOURCE, 0.0)
+
+    blind = np.full_like(points, np.nan)
+    carved = carve(points, normals, blind, spacing_m, sigma, prior=prior, quality_weight=quality_weight, seed=seed)
+    evidence = Evidence(
+        points=points,
+        mesh=carved.mesh,
+        smoothed=carved.clean.points,
+        normals=carved.clean.normals,
+        thickness_m=carved.thickness_m,
+        gap_m=gaps(carved.clean.points, carved.clean.normals, spacing_m),
+        spacing_m=spacing_m,
+        sigma_m=sigma,
+        is_inferred=is_inferred,
+    )
+    volumes = carved.tetra.volumes()[carved.inside]
+    entered = reached(carved.tetra, BALL_AGAIN * flood.ball_m)[carved.inside]
+    facts = Unseen(flood=flood, polished=polished, held=carved.labels.held, flood_inside=float(volumes[entered].sum() / volumes.sum()))
+    return Answer(carved=carved, sigma_m=sigma, flood=flood, checks=gates_unseen(evidence, facts), n_tried=n)

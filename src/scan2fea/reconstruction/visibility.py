@@ -1,0 +1,148 @@
+"""A closed surface from points, by what their sensors saw empty; or, where sensors are not known, by what can be reached from outside.
+
+Side-aware denoising, Delaunay tets, a minimum cut between votes for inside and outside, and a relabelling that makes the result manifold:
+closed and free of self-intersections by construction, for every input (reference/reconstruction.md, method "ab").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2fea.errors import ReconstructionError, require
+from scan2fea.kernel.noise import spacing
+from scan2fea.options import option
+from scan2fea.reconstruction.carve import Carved, carve, gaps
+from scan2fea.reconstruction.denoise import first_normals
+from scan2fea.reconstruction.gates import Evidence, gates_seen
+from scan2fea.reconstruction.outside import OutsideOptions
+from scan2fea.reconstruction.sensors import REJECTED, blocked_share, outer_side
+from scan2fea.reconstruction.unseen import unseen
+from scan2fea.types import Check, FloatArray, Scan, TriangleMesh, Value
+
+LEAST_POINTS = 20
+KNOWN_SHARE = 0.5  # of the measured points must have a sensor for the sensors to lead
+
+
+@dataclass(frozen=True, kw_only=True)
+class VisibilityOptions:
+    quality_weight: float = option(
+        0.3, "price of badly shaped facets against one sight line; smoother and less faithful when larger", minimum=0.0, maximum=10.0
+    )
+    use_sensors: bool = option(True, "use the sensor positions where they are known and stand the test")
+    ball: tuple[float, ...] = option((1.4, 1.15, 2.0), "first radii of the rolling ball tried without sensors, in spacings, best first")
+    seed: int = option(0, "seed of the jitter of the triangulation and of the draws of the tests", minimum=0)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Reconstruction(Value):
+    """The surface of the solid under the points, and how far to trust it.
+
+    mesh : closed, manifold, outward.   points, normals : (n, 3) the denoised cloud and its outward normals.   thickness_m : (n,) of the wall at
+    each point, nan where no other face is near.   spacing_m, sigma_m : of the raw points.   source : what told outside from inside.
+    sensor : what became of the sensor positions.   checks : the gates; a surface that fails one must not be shipped.   how : for the report.
+    """
+
+    mesh: TriangleMesh
+    points: FloatArray
+    normals: FloatArray
+    thickness_m: FloatArray
+    spacing_m: float
+    sigma_m: float
+    source: str
+    sensor: str
+    checks: tuple[Check, ...]
+    how: Mapping[str, float | str]
+
+
+def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> Reconstruction:
+    """The closed surface of one object.
+
+    Raises ReconstructionError for fewer than LEAST_POINTS points, points that all coincide, or if nothing is inside.
+    """
+    cloud = scan.cloud
+    require(
+        len(cloud) >= LEAST_POINTS,
+        ReconstructionError,
+        f"{len(cloud)} points are too few for a surface (limit {LEAST_POINTS}): select a larger object or scan more densely",
+    )
+    require(np.isfinite(cloud.points).all(), ReconstructionError, "some points are not finite: remove them before the reconstruction")
+    h = spacing(cloud.points, options.seed)
+    require(h > 0, ReconstructionError, "all points coincide: there is no surface to find")
+    sensors = scan.sensors()
+    measured = np.flatnonzero(np.ones(len(cloud), bool) if cloud.is_inferred is None else ~cloud.is_inferred)
+    known = np.asarray(np.isfinite(sensors).all(axis=1))
+    if not options.use_sensors or known[measured].mean() < KNOWN_SHARE:
+        return _unseen(scan, options, "unknown", {})
+    toward = outer_side(cloud.points, sensors, cloud.normals)
+    normals, sigma = first_normals(cloud.points, toward, h)
+    blocked = blocked_share(cloud.points, normals, sensors, h, sigma, options.seed)
+    if blocked > REJECTED:
+        return _unseen(scan, options, "rejected", {"rays_blocked": blocked})
+    carved = carve(cloud.points, normals, sensors, h, sigma, quality_weight=options.quality_weight, seed=options.seed)
+    evidence = Evidence(
+        points=cloud.points,
+        mesh=carved.mesh,
+        smoothed=carved.clean.points,
+        normals=carved.clean.normals,
+        thickness_m=carved.thickness_m,
+        gap_m=gaps(carved.clean.points, carved.clean.normals, h),
+        spacing_m=h,
+        sigma_m=sigma,
+        is_inferred=cloud.is_inferred,
+    )
+    return _result(carved, h, sigma, "sensors", "known", gates_seen(evidence), {"rays_blocked": blocked})
+
+
+def _unseen(scan: Scan, options: VisibilityOptions, sensor: str, how: Mapping[str, float]) -> Reconstruction:
+    outside = OutsideOptions(ball=options.ball, seed=options.seed)
+    answer = unseen(scan.cloud.points, scan.cloud.is_inferred, outside, options.quality_weight)
+    flood = answer.flood
+    facts = {**how, "ball_m": flood.ball_m, "leak_share": flood.leak_share, "n_cavities": flood.n_cavities, "n_answers": answer.n_tried}
+    return _result(answer.carved, spacing(scan.cloud.points, options.seed), answer.sigma_m, "outside flood", sensor, answer.checks, facts)
+
+
+def _result(
+    carved: Carved, spacing_m: float, sigma_m: float, source: str, sensor: str, checks: tuple[Check, ...], how: Mapping[str, float]
+) -> Reconstruction:
+    resolved = carved.resolved
+    one = Check(
+        name="parts",
+        value=float(resolved.n_parts),
+        limit=1.0,
+        unit="1",
+        passed=resolved.n_parts == 1,
+        says=f"the points enclose {resolved.n_parts} separate parts: segment them into objects of their own, or scan what joins them",
+    )
+    known = carved.thickness_m[np.isfinite(carved.thickness_m)]
+    facts: dict[str, float | str] = {
+        "method": "visibility",
+        "source": source,
+        "spacing_m": spacing_m,
+        "sigma_m": sigma_m,
+        "fit_radius_m": carved.clean.radius_m,
+        "wall_m": float(np.median(known)) if len(known) else float("nan"),
+        "wall_share": len(known) / len(carved.thickness_m),
+        "quality_weight": carved.labels.quality_weight,
+        "votes_held": carved.labels.held,
+        "n_tets": len(carved.tetra),
+        "n_singular": resolved.n_singular,
+        "n_rounds": resolved.n_rounds,
+        "n_parts_dropped": resolved.n_dropped,
+        "n_voids_filled": resolved.n_filled,
+        **how,
+    }
+    return Reconstruction(
+        mesh=carved.mesh,
+        points=carved.clean.points,
+        normals=carved.clean.normals,
+        thickness_m=carved.thickness_m,
+        spacing_m=spacing_m,
+        sigma_m=sigma_m,
+        source=source,
+        sensor=sensor,
+        checks=(*checks, one),
+        how=facts,
+    )

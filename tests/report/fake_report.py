@@ -84,7 +84,14 @@ CONVERTED: dict[str, Any] = {
         check("points to surface, 95 %", 0.00104, 0.00153, "m", True),
         check("reaction against weight", 3e-9, 1e-6, "", True),
     ],
-    "files": ["objects/01/cloud.ply", "objects/01/surface.ply", "objects/01/surface.stl", "objects/01/volume.vtu", "objects/01/model.step", "objects/01/model.inp"],
+    "files": [
+        "objects/01/cloud.ply",
+        "objects/01/surface.ply",
+        "objects/01/surface.stl",
+        "objects/01/volume.vtu",
+        "objects/01/model.step",
+        "objects/01/model.inp",
+    ],
     "verdict": "converted",
     "reason": "all 6 checks passed",
 }

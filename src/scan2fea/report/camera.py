@@ -55,8 +55,10 @@ def look_at(points: FloatArray, *, width_px: int = 700, height_px: int = 450, no
     chosen = 0
     if normals is not None and len(normals):
         views += [_view(frame, azimuth, -ELEVATION_RAD) for azimuth in (AZIMUTH_RAD, np.pi + AZIMUTH_RAD)]
-        # in steps of a fortieth: where the sides are alike the first view wins, from above is what people expect
-        shown = [round(40 * float(np.maximum(normals @ view[2], 0).sum() / max(np.abs(normals).sum(), 1e-300))) for view in views]
+        whole = max(float(np.linalg.norm(normals, axis=1).sum()), 1e-300)
+        shown = [float(np.maximum(normals @ view[2], 0).sum()) / whole for view in views]
+        # in steps of a fortieth: where the sides are alike the first view wins; from below only where that shows much more
+        shown = [round(40 * share * (1.0 if view[2] @ frame[1] > 0 else 0.75)) for share, view in zip(shown, views, strict=True)]
         chosen = int(np.argmax(shown))
     return framed(points, views[chosen], width_px, height_px, least_height_px=int(0.42 * height_px))
 

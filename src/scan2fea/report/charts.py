@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from scan2fea.report.colours import css
-from scan2fea.report.markup import Html, tag
+from scan2fea.report.markup import NOTHING, Html, tag
 from scan2fea.report.words import number, percent
 from scan2fea.types import ByteArray, FloatArray
 
-WIDTH, HEIGHT = 340, 176
-LEFT, RIGHT, TOP, BOTTOM = 12, 12, 26, 40
+WIDTH, HEIGHT = 340, 184
+LEFT, RIGHT, TOP, BOTTOM = 12, 12, 36, 40
 TEXT, FAINT, BAR, ALARM = "#22262b", "#b9bec4", "#5b86a8", "#a3261a"
 
 Palette = Callable[[FloatArray], ByteArray]
@@ -44,7 +44,15 @@ def ticks(low: float, high: float, n: int = 5) -> list[float]:
 
 
 def histogram(
-    values: FloatArray, *, low: float, high: float, axis: str, title: str, limits: Sequence[Limit] = (), palette: Palette | None = None, n_bins: int = 40
+    values: FloatArray,
+    *,
+    low: float,
+    high: float,
+    axis: str,
+    title: str,
+    limits: Sequence[Limit] = (),
+    palette: Palette | None = None,
+    n_bins: int = 40,
 ) -> Html:
     """Counts of `values` between low and high; what lies beyond is counted in the last bars and said.
 
@@ -53,7 +61,7 @@ def histogram(
     values = np.asarray(values, float)
     values = values[np.isfinite(values)]
     if not len(values) or not high > low:
-        return Html("")
+        return NOTHING
     beyond = int(((values < low) | (values > high)).sum())
     counts, edges = np.histogram(np.clip(values, low, high), bins=n_bins, range=(low, high))
     tall = counts.max()
@@ -64,9 +72,18 @@ def histogram(
     for k in np.flatnonzero(counts):
         size = max((HEIGHT - TOP - BOTTOM) * counts[k] / tall, 0.8)
         parts.append(
-            tag("rect", x=f"{LEFT + k * wide:.1f}", y=f"{HEIGHT - BOTTOM - size:.1f}", width=f"{wide * 0.94:.2f}", height=f"{size:.1f}", fill=colours[k], stroke="#6b7178", stroke_width="0.3")
+            tag(
+                "rect",
+                x=f"{LEFT + k * wide:.1f}",
+                y=f"{HEIGHT - BOTTOM - size:.1f}",
+                width=f"{wide * 0.94:.2f}",
+                height=f"{size:.1f}",
+                fill=colours[k],
+                stroke="#6b7178",
+                stroke_width="0.3",
+            )
         )
-    parts += _axis(low, high, axis) + [mark for limit in limits for mark in _limit(limit, low, high)]
+    parts += _axis(low, high, axis) + [mark for k, limit in enumerate(limits) for mark in _limit(limit, low, high, 14 * (k % 2))]
     told = f"{len(values):,} values, median {number(float(np.median(values)))}, from {number(float(values.min()))} to {number(float(values.max()))}"
     if beyond:
         told += f"; {percent(beyond / len(values))} beyond the axis, counted in the outermost bars"
@@ -78,7 +95,7 @@ def bars(rows: Sequence[tuple[str, float, str]], *, title: str, caption: str = "
     """Horizontal bars. rows : label, length, what is written at the end."""
     longest = max((row[1] for row in rows), default=0.0)
     if not longest > 0:
-        return Html("")
+        return NOTHING
     line = 24
     parts = []
     for k, (label, value, written) in enumerate(rows):
@@ -101,7 +118,11 @@ def colour_bar(anchors: str, low: str, middle: str, high: str, label: str) -> Ht
 
 def swatches(items: Sequence[tuple[str, str, bool]]) -> Html:
     """A legend: colour, text, hatched or not."""
-    return tag("ul", *(tag("li", tag("i", style=f"background-color:{colour}", class_="hatched" if hatched else None), text) for colour, text, hatched in items), class_="legend")
+    return tag(
+        "ul",
+        *(tag("li", tag("i", style=f"background-color:{colour}", class_="hatched" if hatched else None), text) for colour, text, hatched in items),
+        class_="legend",
+    )
 
 
 def _axis(low: float, high: float, name: str) -> list[Html]:
@@ -115,13 +136,13 @@ def _axis(low: float, high: float, name: str) -> list[Html]:
     return parts
 
 
-def _limit(limit: Limit, low: float, high: float) -> list[Html]:
+def _limit(limit: Limit, low: float, high: float, drop: int) -> list[Html]:
     if not low <= limit.at <= high:
         return []
     x = _x(limit.at, low, high)
     anchor = "start" if x < WIDTH * 0.25 else "end" if x > WIDTH * 0.75 else "middle"
-    line = tag("line", x1=f"{x:.1f}", x2=f"{x:.1f}", y1=TOP - 8, y2=HEIGHT - BOTTOM, stroke=ALARM, stroke_width=1.4, stroke_dasharray="4 3")
-    return [line, tag("text", limit.label, x=f"{x:.1f}", y=TOP - 12, text_anchor=anchor, fill=ALARM)]
+    line = tag("line", x1=f"{x:.1f}", x2=f"{x:.1f}", y1=TOP - 20 + drop, y2=HEIGHT - BOTTOM, stroke=ALARM, stroke_width=1.4, stroke_dasharray="4 3")
+    return [line, tag("text", limit.label, x=f"{x:.1f}", y=TOP - 24 + drop, text_anchor=anchor, fill=ALARM)]
 
 
 def _x(value: float, low: float, high: float) -> float:

@@ -65,4 +65,4 @@ def _mapped(share: FloatArray, anchors: ByteArray) -> ByteArray:
     knots = np.arange(len(anchors))
     colours = np.stack([np.interp(place, knots, anchors[:, channel]) for channel in range(3)], axis=1)
     colours[~known] = NO_DATA
-    return np.rint(colours).astype(np.uint8)
+    return np.asarray(np.rint(colours), np.uint8)

@@ -7,19 +7,23 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from scan2fea.kernel.measures import face_vectors
 from scan2fea.kernel.noise import sampled_rows, spacing
 from scan2fea.report.camera import Camera, look_at, look_down
 from scan2fea.report.charts import Limit, colour_bar, histogram, swatches
 from scan2fea.report.colours import BACKDROP, CATEGORIES, DIVERGING, NO_DATA, ORIGIN_COLOURS, ORIGIN_NAMES, categories, css, diverging, gradient
-from scan2fea.report.markup import Html
+from scan2fea.report.markup import NOTHING, Html
 from scan2fea.report.render import Dots, Shape, png, render
 from scan2fea.report.words import number, percent
 from scan2fea.types import INVENTED, MEASURED, BoolArray, ByteArray, FloatArray, PointCloud, TriangleMesh, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
+Pins = Mapping[int, tuple[float, float]]
+
 DRAWN_POINTS = 150_000  # more cannot be told apart in a picture of this size
+DATA_CONTRAST = 0.4  # of light and shade where colours mean figures
 DISC_SPACINGS = 0.62  # radius of a point in spacings: neighbours just touch, a surface looks closed
 
 
@@ -34,11 +38,11 @@ class Figure(Value):
     width_px: int
     height_px: int
     scale_m_per_px: float
-    legend: Html = Html("")
-    chart: Html = Html("")
+    legend: Html = NOTHING
+    chart: Html = NOTHING
 
 
-def drawn(title: str, alt: str, caption: str, camera: Camera, picture: ByteArray, legend: Html = Html(""), chart: Html = Html("")) -> Figure:
+def drawn(title: str, alt: str, caption: str, camera: Camera, picture: ByteArray, legend: Html = NOTHING, chart: Html = NOTHING) -> Figure:
     """The Figure of a picture made through a camera."""
     return Figure(
         title=title,
@@ -72,7 +76,7 @@ def points_figure(cloud: PointCloud, camera: Camera) -> Figure:
     rows = sampled_rows(len(cloud), DRAWN_POINTS, 0)
     inferred = None if cloud.is_inferred is None else cloud.is_inferred[rows]
     colours = np.tile(np.array([92, 128, 158], np.uint8), (len(rows), 1)) if cloud.colour is None else cloud.colour[rows].copy()
-    legend = Html("")
+    legend = NOTHING
     if inferred is not None and inferred.any():
         colours[inferred] = ORIGIN_COLOURS[INVENTED]
         legend = swatches([(css(ORIGIN_COLOURS[INVENTED]), f"inferred, not measured ({percent(float(inferred.mean()))})", False)])
@@ -88,7 +92,7 @@ def origin_figure(surface: TriangleMesh, camera: Camera) -> Figure | None:
     area = np.linalg.norm(face_vectors(surface.vertices, surface.faces), axis=1)
     origin = np.clip(surface.face_origin, 0, 2)
     shares = np.bincount(origin, weights=area, minlength=3) / max(area.sum(), 1e-300)
-    shape = Shape(vertices=surface.vertices, faces=surface.faces, colours=ORIGIN_COLOURS[origin], hatched=origin == INVENTED)
+    shape = Shape(vertices=surface.vertices, faces=surface.faces, colours=ORIGIN_COLOURS[origin], hatched=origin == INVENTED, contrast=DATA_CONTRAST)
     told = [f"{name} {percent(float(share))}" for name, share in zip(ORIGIN_NAMES, shares, strict=True)]
     legend = swatches([(css(colour), text, k == INVENTED) for k, (colour, text) in enumerate(zip(ORIGIN_COLOURS, told, strict=True))])
     return drawn("What was seen", f"The surface: {', '.join(told)} of its area.", "Shares of the area.", camera, render(camera, (shape,)), legend)
@@ -103,9 +107,9 @@ def deviation_figure(surface: TriangleMesh, camera: Camera, sigma_m: float | Non
     if not len(known):
         return None
     limit, what = _deviation_limit(known, sigma_m)
-    shape = Shape(vertices=surface.vertices, faces=surface.faces, colours=diverging(deviation / limit), per_vertex=True)
+    shape = Shape(vertices=surface.vertices, faces=surface.faces, colours=diverging(deviation / limit), per_vertex=True, contrast=DATA_CONTRAST)
     end = number(limit * MILLIMETRES_PER_METRE, 3)
-    legend = colour_bar(gradient(DIVERGING), f"\u2212{end} (points inside)", "0", f"+{end} (outside) mm", f"Points to surface, limits {what}")
+    legend = colour_bar(gradient(DIVERGING), f"\u2212{end} mm (inside)", "0", f"+{end} mm (outside)", f"Points to surface, limits {what}")
     if len(known) < len(deviation):
         legend = Html(legend + swatches([(css(NO_DATA), f"no point near ({percent(1 - len(known) / len(deviation))} of the vertices)", False)]))
     shown = known * MILLIMETRES_PER_METRE
@@ -129,27 +133,35 @@ def regions_figure(surface: TriangleMesh, camera: Camera, cad: Mapping[str, Any]
         return None
     region = surface.face_region
     free = float((region < 0).mean())
-    shape = Shape(vertices=surface.vertices, faces=surface.faces, colours=categories(region), smooth=False, lines=free > 0.2 and len(surface.faces) < 20_000)
+    shape = Shape(vertices=surface.vertices, faces=surface.faces, colours=categories(region), smooth=False)
     names = [entry.get("name") for entry in cad.get("faces") or [] if isinstance(entry, dict)]
     n = int(region.max()) + 1
     items = [(css(categories(np.array([k]))[0]), str(names[k]) if k < len(names) else f"plane {k + 1}", False) for k in range(min(n, 12))]
     items += [(css(BACKDROP), "single facets", False)] if free > 0 else []
     caption = f"{n} recognised faces" + (f", the first 12 in the legend; {percent(free)} of the triangles stay single facets." if free else ".")
-    return drawn("CAD faces", f"The surface with its {n} recognised faces in distinct colours.", caption, camera, render(camera, (shape,)), swatches(items))
+    alt = f"The surface with its {n} recognised faces in distinct colours."
+    return drawn("CAD faces", alt, caption, camera, render(camera, (shape,)), swatches(items))
 
 
-def scene_figure(scene: PointCloud | None, objects: Sequence[PointCloud | None], width_px: int = 1100) -> tuple[Figure, Mapping[int, tuple[float, float]]] | None:
-    """The whole cloud in grey with its objects in colours, and where each object's number belongs: {place in `objects`: (left, top)}, shares of the picture."""
+def scene_figure(scene: PointCloud | None, objects: Sequence[PointCloud | None], width_px: int = 1100) -> tuple[Figure, Pins] | None:
+    """The whole cloud in grey with its objects in colours, and where their numbers belong.
+
+    Returns None without any point, else the figure and {place in `objects`: (left, top)} as shares of the picture.
+    """
     share = DRAWN_POINTS // max(len(objects), 1)
     clouds = {k: _some(cloud, share) for k, cloud in enumerate(objects) if cloud is not None and len(cloud)}
     around = _some(scene, DRAWN_POINTS) if scene is not None and len(scene) else np.zeros((0, 3))
+    owned = [cloud.points for cloud in objects if cloud is not None and len(cloud)]
+    if owned and len(around):  # the scene holds the points of the objects too: in grey they would cover the coloured ones
+        points = np.concatenate(owned)
+        around = around[~np.isfinite(cKDTree(points).query(around, distance_upper_bound=1e-9 * max(float(np.abs(points).max()), 1e-3))[0])]
     everything = np.concatenate([around, *clouds.values()])
     if not len(everything):
         return None
     camera = look_down(np.concatenate([*clouds.values()]) if clouds else around, width_px=width_px, height_px=round(width_px * 0.56))
     things = [_dots(points, np.tile(categories(np.array([k])), (len(points), 1)), camera) for k, points in clouds.items()]
     if len(around):
-        things.append(_dots(around, np.tile(BACKDROP, (len(around), 1)), camera))  # last: where both lie in one place the object shows
+        things.append(_dots(around, np.tile(BACKDROP, (len(around), 1)), camera))
     picture = render(camera, tuple(things))
     pins = {}
     for k, points in clouds.items():

@@ -12,7 +12,7 @@ from typing import Any
 from scan2fea.errors import UsageError
 from scan2fea.report.figures import scene_figure
 from scan2fea.report.glossary import GLOSSARY
-from scan2fea.report.markup import Html, figure_cell, joined, link, table, tag
+from scan2fea.report.markup import NOTHING, Html, figure_cell, joined, link, table, tag
 from scan2fea.report.parts import TABLE_FILES, anchor, badge, downloads, facts, picture
 from scan2fea.report.saved import Saved
 from scan2fea.report.schema import read_report
@@ -38,6 +38,7 @@ PAGE = "report.html"
 PICTURE_PX = 700
 FULL_SIZE_OBJECTS = 20  # above this the pictures shrink, so that the page stays within what a phone opens
 STAGE_ROWS = 60
+UNIT_SOURCES = {"format": "stated by the file", "option": "given by the user", "assumed": "ASSUMED"}
 # nothing is fetched and nothing runs, whatever a file name holds
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 
@@ -89,7 +90,7 @@ def _top(saved: Saved, clouds: Sequence[PointCloud | None]) -> Html:
         tag("h1", headline(report)),
         _inputs(report.get("inputs") or []),
         told,
-        tag("p", tag("b", "How to repeat: "), tag("code", shlex.join(command))) if command else Html(""),
+        tag("p", tag("b", "How to repeat: "), tag("code", shlex.join(command))) if command else NOTHING,
         *(tag("p", text, class_="note") for text in report.get("warnings") or []),
     )
 
@@ -106,11 +107,11 @@ def _scene_facts(report: Mapping[str, Any]) -> list[tuple[str, object]]:
 def _inputs(inputs: Sequence[Mapping[str, Any]]) -> Html:
     rows = []
     for row in inputs:
-        unit = f"{row['unit']} ({ {'format': 'stated by the file', 'option': 'given', 'assumed': 'ASSUMED'}.get(str(row.get('unit_source')), '')})" if row.get("unit") else "\u2013"
+        unit = f"{row['unit']} ({UNIT_SOURCES.get(str(row.get('unit_source')), 'source not recorded')})" if row.get("unit") else "\u2013"
         used = "yes" if row.get("used") else f"no: {row.get('reason') or 'no reason given'}"
         cells = (figure_cell(count(row.get("n_points")), "points"), unit, row.get("sensor") or "\u2013", row.get("date") or "not stated", used)
         rows.append([tag("span", row.get("path"), class_="path"), *cells])
-    return table(("input", "points", "unit", "sensor position", "date of the data", "used"), rows, class_="inputs") if rows else Html("")
+    return table(("input", "points", "unit", "sensor position", "date of the data", "used"), rows, class_="inputs") if rows else NOTHING
 
 
 def _overview(saved: Saved, clouds: Sequence[PointCloud | None]) -> Html:
@@ -167,11 +168,13 @@ def _method(saved: Saved) -> Html:
     else:
         parts.append(tag("p", "All options have their default values."))
     for title, sentences in (("What was assumed", report.get("assumptions") or []), ("What could not be shown", saved.troubles)):
-        parts.append(joined((tag("h3", title), tag("ul", *(tag("li", text) for text in sentences)))) if sentences else Html(""))
+        parts.append(joined((tag("h3", title), tag("ul", *(tag("li", text) for text in sentences)))) if sentences else NOTHING)
     kept = [name for name in ("report.json", "config.toml", "log.jsonl", "labels.csv", "cloud.ply", "trajectory.txt") if saved.exists(name)]
     parts.append(tag("p", "Files of the run: ", joined((link(name, name) for name in kept), " \u00b7 "), class_="files"))
     versions = report.get("versions") or {}
-    parts.append(tag("p", "Libraries: ", ", ".join(f"{name} {version}" for name, version in versions.items()), ".", class_="files") if versions else Html(""))
+    parts.append(
+        tag("p", "Libraries: ", ", ".join(f"{name} {version}" for name, version in versions.items()), ".", class_="files") if versions else NOTHING
+    )
     return tag("section", *parts, class_="method")
 
 
@@ -183,8 +186,15 @@ def _stages(stages: Sequence[Mapping[str, Any]], names: Mapping[Any, str]) -> Ht
     for row in stages:
         of = row.get("object")
         kept = " (kept from an earlier run)" if row.get("resumed") or row.get("kept") else ""
-        cells = [("in", count(row.get("n_in"))), ("out", count(row.get("n_out"))), ("seconds", number(row.get("seconds"), 3)), ("memory, MB", number(row.get("peak_mb"), 3))]
-        rows.append([f"{row.get('name')}{kept}", "" if of is None else names.get(of, str(of)), *(figure_cell(value, label) for label, value in cells)])
+        cells = [
+            ("in", count(row.get("n_in"))),
+            ("out", count(row.get("n_out"))),
+            ("seconds", number(row.get("seconds"), 3)),
+            ("memory, MB", number(row.get("peak_mb"), 3)),
+        ]
+        rows.append(
+            [f"{row.get('name')}{kept}", "" if of is None else names.get(of, str(of)), *(figure_cell(value, label) for label, value in cells)]
+        )
     return table(("stage", "object", "in", "out", "seconds", "memory, MB"), rows, class_="stages") if rows else tag("p", "No stage was recorded.")
 
 
@@ -193,7 +203,8 @@ def _summed(stages: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     for row in stages:
         alone = row.get("object") is None
         total = sums.setdefault(
-            (str(row.get("name")), alone), {"name": row.get("name"), "object": None if alone else "all", "n_in": 0, "n_out": 0, "seconds": 0.0, "peak_mb": 0.0}
+            (str(row.get("name")), alone),
+            {"name": row.get("name"), "object": None if alone else "all", "n_in": 0, "n_out": 0, "seconds": 0.0, "peak_mb": 0.0},
         )
         for key in ("n_in", "n_out", "seconds"):
             total[key] += row.get(key) or 0
@@ -206,4 +217,8 @@ def _value(value: Any) -> str:
 
 
 def _glossary() -> Html:
-    return tag("section", tag("h2", "Glossary"), tag("dl", *(tag("div", tag("dt", word), tag("dd", meaning)) for word, meaning in GLOSSARY), class_="glossary"))
+    return tag(
+        "section",
+        tag("h2", "Glossary"),
+        tag("dl", *(tag("div", tag("dt", word), tag("dd", meaning)) for word, meaning in GLOSSARY), class_="glossary"),
+    )

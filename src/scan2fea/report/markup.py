@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import re
 from collections.abc import Iterable
 from urllib.parse import quote
 
@@ -15,16 +16,17 @@ class Html(str):
     __slots__ = ()
 
 
+NOTHING = Html("")
+# control characters, and those that turn the direction of the text after them
+_UNSEEN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+
+
 def text(value: object) -> Html:
     """`value` as text that cannot become markup; control characters and half surrogates (file names hold anything) become a replacement mark."""
     if isinstance(value, Html):
         return value
     plain = str(value).encode("utf-8", "replace").decode("utf-8")
-    plain = "".join(c if c in "\n\t" or (ord(c) >= 32 and not 0x7F <= ord(c) < 0xA0 and c not in _TURNERS) else "\ufffd" for c in plain)
-    return Html(html.escape(plain, quote=True))
-
-
-_TURNERS = frozenset("\u202a\u202b\u202d\u202e\u202c\u2066\u2067\u2068\u2069")  # turn the direction of the text that follows
+    return Html(html.escape(_UNSEEN.sub("\ufffd", plain), quote=True))
 
 
 def joined(parts: Iterable[object], between: str = "") -> Html:
@@ -32,11 +34,9 @@ def joined(parts: Iterable[object], between: str = "") -> Html:
     return Html(between.join(text(part) for part in parts))
 
 
-def tag(name: str, *content: object, **attributes: object) -> Html:
+def tag(name: str, /, *content: object, **attributes: object) -> Html:
     """An element. A trailing underscore in an attribute's name is dropped (`class_`), others become hyphens; None leaves it out."""
-    written = "".join(
-        f' {key.rstrip("_").replace("_", "-")}="{text(value)}"' if value is not True else f" {key.rstrip('_')}" for key, value in attributes.items() if value is not None
-    )
+    written = "".join(f' {key.rstrip("_").replace("_", "-")}="{text(value)}"' for key, value in attributes.items() if value is not None)
     if name in VOID:
         return Html(f"<{name}{written}>" if name in {"br", "hr", "img", "meta", "link"} else f"<{name}{written}/>")
     return Html(f"<{name}{written}>{joined(content)}</{name}>")
@@ -51,11 +51,19 @@ def table(head: Iterable[object], rows: Iterable[Iterable[object]], *, class_: s
     """A table whose cells know the head of their column (`data-label`: on a phone each row becomes a card)."""
     heads = [text(h) for h in head]
     classes = list(row_classes)
-    body = []
+    body, is_right = [], [False] * len(heads)
     for i, row in enumerate(rows):
-        cells = [cell if isinstance(cell, Html) and cell.startswith("<td") else tag("td", cell, data_label=h) for h, cell in zip(heads, row, strict=True)]
+        cells = [
+            cell if isinstance(cell, Html) and cell.startswith("<td") else tag("td", cell, data_label=h) for h, cell in zip(heads, row, strict=True)
+        ]
+        is_right = [cell.startswith('<td class="n"') for cell in cells]
         body.append(tag("tr", *cells, class_=classes[i] if i < len(classes) and classes[i] else None))
-    return tag("table", tag("thead", tag("tr", *(tag("th", h, scope="col") for h in heads))), tag("tbody", *body), class_=class_)
+    return tag(
+        "table",
+        tag("thead", tag("tr", *(tag("th", h, scope="col", class_="n" if right else None) for h, right in zip(heads, is_right, strict=True)))),
+        tag("tbody", *body),
+        class_=class_,
+    )
 
 
 def figure_cell(value: object, label: str) -> Html:

@@ -8,7 +8,7 @@ from typing import Any
 
 from scan2fea.report.charts import nice_step
 from scan2fea.report.figures import Figure
-from scan2fea.report.markup import Html, figure_cell, joined, link, table, tag
+from scan2fea.report.markup import NOTHING, Html, figure_cell, joined, link, table, tag
 from scan2fea.report.words import millimetres, number
 
 SCALE_SHARE = 0.3  # of the width of a picture that its scale bar may take
@@ -23,7 +23,7 @@ FILE_WORDS: Mapping[str, str] = {
     "volume.msh": "mesh (Gmsh)",
     "cloud.ply": "points",
 }
-TABLE_FILES = ("model.step", "model.inp", "surface.stl")
+TABLE_FILES = {"model.step": "STEP", "model.inp": "deck", "surface.stl": "STL"}
 
 
 def badge(verdict: object) -> Html:
@@ -46,8 +46,7 @@ def picture(figure: Figure, overlay: Iterable[Html] = (), class_: str = "picture
     source = "data:image/png;base64," + base64.b64encode(figure.png).decode("ascii")
     image = tag("img", src=source, alt=figure.alt, width=figure.width_px, height=figure.height_px)
     frame = tag("div", image, *overlay, _scale_bar(figure), class_="frame")
-    caption = tag("figcaption", tag("b", figure.title), f". {figure.caption}")
-    return tag("figure", frame, figure.legend, caption, class_=class_)
+    return tag("figure", tag("b", figure.title, class_="title"), frame, figure.legend, tag("figcaption", figure.caption), class_=class_)
 
 
 def facts(rows: Sequence[tuple[str, object]]) -> Html:
@@ -55,11 +54,12 @@ def facts(rows: Sequence[tuple[str, object]]) -> Html:
     return tag("dl", *(tag("div", tag("dt", name), tag("dd", value)) for name, value in rows), class_="facts")
 
 
-def downloads(files: Iterable[str], only: Sequence[str] | None = None) -> Html:
-    """Links to files beside the page."""
+def downloads(files: Iterable[str], words: Mapping[str, str] | None = None) -> Html:
+    """Links to files beside the page; with `words` only to those named in it."""
     listed = {path.rsplit("/", 1)[-1]: path for path in files}
-    names = [name for name in (only or listed) if name in listed]
-    return joined((link(listed[name], FILE_WORDS.get(name, name)) for name in names), " \u00b7 ") if names else Html("\u2013")
+    names = [name for name in (words or listed) if name in listed]
+    links = joined((link(listed[name], (words or FILE_WORDS).get(name, name)) for name in names), " \u00b7 ")
+    return tag("span", links or "\u2013")
 
 
 def quality_table(quality: Mapping[str, Mapping[str, Any]]) -> Html:
@@ -68,13 +68,13 @@ def quality_table(quality: Mapping[str, Mapping[str, Any]]) -> Html:
     for name, spread in quality.items():
         cells = [figure_cell(number(spread.get(key)), label) for key, label in (("min", "least"), ("p01", "1 %"), ("median", "median"))]
         rows.append([name.replace("_deg", ", \u00b0").replace("_", " "), *cells])
-    return table(("measure", "least", "1 %", "median"), rows, class_="narrow") if rows else Html("")
+    return table(("measure", "least", "1 %", "median"), rows, class_="narrow") if rows else NOTHING
 
 
 def section(title: str, *content: Html, open_: bool = True) -> Html:
     """A part of an object's section; left out where it has no content."""
     held = [part for part in content if part]
-    return tag("section", tag("h3", title), *held, class_="part") if held else Html("")
+    return tag("section", tag("h3", title), *held, class_="part") if held else NOTHING
 
 
 def _scale_bar(figure: Figure) -> Html:

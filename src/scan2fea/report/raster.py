@@ -26,10 +26,10 @@ def draw_triangles(screen: FloatArray, faces: IntArray, colour: FloatArray, imag
         area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
         if not abs(area) > 1e-12:
             continue
-        first_row = max(int(math.floor(min(ay, by, cy) - 0.5)), 0)
-        last_row = min(int(math.ceil(max(ay, by, cy))), height - 1)
-        first_column = max(int(math.floor(min(ax, bx, cx) - 0.5)), 0)
-        last_column = min(int(math.ceil(max(ax, bx, cx))), width - 1)
+        first_row = max(math.floor(min(ay, by, cy) - 0.5), 0)
+        last_row = min(math.ceil(max(ay, by, cy)), height - 1)
+        first_column = max(math.floor(min(ax, bx, cx) - 0.5), 0)
+        last_column = min(math.ceil(max(ax, bx, cx)), width - 1)
         for i in range(first_row, last_row + 1):
             y = i + 0.5
             for j in range(first_column, last_column + 1):
@@ -52,8 +52,8 @@ def draw_discs(screen: FloatArray, colour: FloatArray, radius: float, image: Flo
     height, width = depth.shape
     for point in range(len(screen)):
         x, y, near = screen[point, 0], screen[point, 1], screen[point, 2]
-        for i in range(max(int(math.ceil(y - radius - 0.5)), 0), min(int(math.floor(y + radius - 0.5)), height - 1) + 1):
-            for j in range(max(int(math.ceil(x - radius - 0.5)), 0), min(int(math.floor(x + radius - 0.5)), width - 1) + 1):
+        for i in range(max(math.ceil(y - radius - 0.5), 0), min(math.floor(y + radius - 0.5), height - 1) + 1):
+            for j in range(max(math.ceil(x - radius - 0.5), 0), min(math.floor(x + radius - 0.5), width - 1) + 1):
                 away = (j + 0.5 - x) ** 2 + (i + 0.5 - y) ** 2
                 if away <= radius * radius and near > depth[i, j]:
                     depth[i, j] = near
@@ -71,7 +71,7 @@ def draw_lines(screen: FloatArray, segments: IntArray, colour: FloatArray, lift:
         steps = int(min(max(abs(dx), abs(dy)), 4.0 * (width + height))) + 1
         for step in range(steps):  # the last point belongs to the next line of the chain: not drawn twice
             t = step / steps
-            i, j = int(math.floor(screen[a, 1] + t * dy)), int(math.floor(screen[a, 0] + t * dx))
+            i, j = math.floor(screen[a, 1] + t * dy), math.floor(screen[a, 0] + t * dx)
             if 0 <= i < height and 0 <= j < width and screen[a, 2] + t * dz + lift > depth[i, j]:
                 for k in range(3):
                     image[i, j, k] += opacity * (colour[k] - image[i, j, k])

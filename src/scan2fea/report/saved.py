@@ -7,12 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
-
 from scan2fea.errors import Scan2FeaError
 from scan2fea.report.solids import Solid
 from scan2fea.report.words import number_of
-from scan2fea.types import FloatArray, PointCloud, TriangleMesh
+from scan2fea.types import PointCloud, TriangleMesh
 
 T = TypeVar("T")
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from scan2fea.report.charts import bars
 from scan2fea.report.figures import camera_for, deviation_figure, origin_figure, points_figure, regions_figure
-from scan2fea.report.markup import Html, figure_cell, joined, table, tag
+from scan2fea.report.markup import NOTHING, Html, figure_cell, joined, table, tag
 from scan2fea.report.parts import anchor, badge, downloads, facts, mark, picture, quality_table, section
 from scan2fea.report.saved import Saved
 from scan2fea.report.solids import Solid, cut_figure, displacement_figure, mode_figure, quality_charts, worst_elements
@@ -48,8 +48,8 @@ def object_section(saved: Saved, item: Item, place: int, cloud: PointCloud | Non
         tag("p", item.get("reason") or "no reason given", class_=f"reason {'good' if good else 'bad'}"),
         _what_to_do(item),
         _facts(item, _size(item, cloud, surface)),
-        tag("div", *pictures, class_="pictures") if pictures else Html(""),
-        tag("div", *charts, class_="charts") if charts else Html(""),
+        tag("div", *pictures, class_="pictures") if pictures else NOTHING,
+        tag("div", *charts, class_="charts") if charts else NOTHING,
         tag("div", _member(item), _checks(item), _response(item), _shape(item), _mesh(item, solid), _drift(item), class_="parts"),
         tag("p", "Files: ", downloads(saved.files(item)), class_="files"),
         id=anchor(place),
@@ -73,7 +73,9 @@ def _size(item: Item, cloud: PointCloud | None, surface: TriangleMesh | None) ->
     return tuple(sorted(np.ptp(centred @ axes, axis=0).tolist(), reverse=True))
 
 
-def _pictures(item: Item, cloud: PointCloud | None, surface: TriangleMesh | None, solid: Solid | None, width_px: int) -> tuple[list[Html], list[Html]]:
+def _pictures(
+    item: Item, cloud: PointCloud | None, surface: TriangleMesh | None, solid: Solid | None, width_px: int
+) -> tuple[list[Html], list[Html]]:
     """Pictures in one view, and the charts that go with them."""
     camera = camera_for(cloud, surface, width_px)
     if camera is None:
@@ -81,7 +83,11 @@ def _pictures(item: Item, cloud: PointCloud | None, surface: TriangleMesh | None
     figures = [points_figure(cloud, camera)] if cloud is not None and len(cloud) else []
     charts: list[Html] = []
     if surface is not None and len(surface.faces):
-        found = [origin_figure(surface, camera), deviation_figure(surface, camera, item.get("noise_m")), regions_figure(surface, camera, item.get("cad") or {})]
+        found = [
+            origin_figure(surface, camera),
+            deviation_figure(surface, camera, item.get("noise_m")),
+            regions_figure(surface, camera, item.get("cad") or {}),
+        ]
         figures += [figure for figure in found if figure is not None]
         charts += [figure.chart for figure in figures if figure.chart]
     if solid is not None and len(solid.tets):
@@ -96,10 +102,10 @@ def _what_to_do(item: Item) -> Html:
     if item.get("verdict") == "converted":
         hidden = unobserved(item)
         told = f"Built with {', '.join(hidden)} from the catalogue: the scan could not tell. Measure it before you rely on it."
-        return tag("p", told, class_="note") if hidden else Html("")
+        return tag("p", told, class_="note") if hidden else NOTHING
     says = [str(check.get("says")) for check in item.get("checks") or [] if not check.get("passed") and check.get("says")]
     more = [text for text in dict.fromkeys(says) if text != item.get("reason")]
-    return tag("div", tag("b", "What else stands in the way"), tag("ul", *(tag("li", text) for text in more)), class_="note") if more else Html("")
+    return tag("div", tag("b", "What would make it convert"), tag("ul", *(tag("li", text) for text in more)), class_="note") if more else NOTHING
 
 
 def _facts(item: Item, size: Sequence[float] | None) -> Html:
@@ -120,7 +126,7 @@ def _facts(item: Item, size: Sequence[float] | None) -> Html:
         rows += [("CAD faces", f"{count(cad.get('n_faces'))} ({', '.join(f'{count(n)} {kind}' for n, kind in kinds if n)})")]
     rows += [("Elements", f"{count((item.get('volume') or {}).get('n_tets'))} {fea.get('elements', '')}")] if item.get("volume") else []
     rows += [("Material", fea["material"].get("name", "\u2013"))] if fea.get("material") else []
-    rows += [("Made by", f"{item.get('route', '\u2013')}: {item.get('route_reason') or 'no reason given'}")]
+    rows += [("Made by", f"{item.get('route')}: {item.get('route_reason') or 'no reason given'}")]
     return facts(rows)
 
 
@@ -128,16 +134,22 @@ def _member(item: Item) -> Html:
     """Dimensions of a fitted member with their standard deviations, and what the catalogue says."""
     member = item.get("member")
     if not member:
-        return Html("")
+        return NOTHING
     rows = []
     for name, value in (member.get("parameters") or {}).items():
         seen = value.get("observable", True)
         std = value.get("std_m")
         shown = with_deviation(value["value_m"] * MILLIMETRES_PER_METRE, std * MILLIMETRES_PER_METRE if std is not None and seen else None)
         rows.append([name, figure_cell(f"{shown} mm", "value"), "measured" if seen else "not observable: from the catalogue"])
-    likely = [(str(row.get("name")), float(row.get("probability") or 0), percent(row.get("probability"))) for row in (member.get("catalogue") or [])[:6]]
+    likely = [
+        (str(row.get("name")), float(row.get("probability") or 0), percent(row.get("probability"))) for row in (member.get("catalogue") or [])[:6]
+    ]
     classes = ["" if value.get("observable", True) else "prior" for value in (member.get("parameters") or {}).values()]
-    return section(f"Member {member.get('family', '')}", table(("dimension", "value", "from"), rows, row_classes=classes), bars(likely, title="Catalogue", caption="Probability of each section."))
+    return section(
+        f"Member {member.get('family', '')}",
+        table(("dimension", "value", "from"), rows, row_classes=classes),
+        bars(likely, title="Catalogue", caption="Probability of each section."),
+    )
 
 
 def _checks(item: Item) -> Html:
@@ -148,7 +160,7 @@ def _checks(item: Item) -> Html:
         cells = (figure_cell(quantity(check.get(key), unit), key) for key in ("value", "limit"))
         rows.append([check_name(check.get("name")), *cells, mark(check.get("passed"))])
     classes = ["" if check.get("passed") else "bad-row" for check in checks]
-    return section("Checks", table(("check", "value", "limit", "result"), rows, row_classes=classes)) if rows else Html("")
+    return section("Checks", table(("check", "value", "limit", "result"), rows, row_classes=classes)) if rows else NOTHING
 
 
 def _response(item: Item) -> Html:
@@ -157,20 +169,24 @@ def _response(item: Item) -> Html:
     for case in (item.get("fea") or {}).get("cases") or []:
         unit, value, std = str(case.get("unit") or ""), case.get("value"), case.get("std")
         shown = quantity(value, unit) + (f" \u00b1 {quantity(std, unit)}" if is_number(std) else "")
-        cells = [figure_cell(shown, "value"), figure_cell(quantity(case.get("expected"), unit), "expected"), figure_cell(percent(case.get("relative_error")), "error")]
-        rows.append([case.get("name"), case.get("measure"), *cells])
+        cells = [
+            figure_cell(shown, "value"),
+            figure_cell(quantity(case.get("expected"), unit), "expected"),
+            figure_cell(percent(case.get("relative_error")), "error"),
+        ]
+        rows.append([f"{case.get('name')}: {case.get('measure')}", *cells])
     frequencies = [f"{number(f)} Hz" for f in (item.get("fea") or {}).get("frequencies_hz") or [] if is_number(f)][:6]
-    modes = tag("p", f"Elastic frequencies of the free body: {', '.join(frequencies)}.") if frequencies else Html("")
+    modes = tag("p", f"Elastic frequencies of the free body: {', '.join(frequencies)}.") if frequencies else NOTHING
     solver = (item.get("fea") or {}).get("solver")
-    told = tag("p", f"Solved by: {solver}; {count(item['fea'].get('dof'))} unknowns.") if solver else Html("")
-    return section("Response", table(("load case", "measure", "value", "expected", "error"), rows), modes, told) if rows else Html("")
+    told = tag("p", f"Solved by: {solver}; {count(item['fea'].get('dof'))} unknowns.") if solver else NOTHING
+    return section("Response", table(("load case: measure", "value", "expected", "error"), rows), modes, told) if rows else NOTHING
 
 
 def _shape(item: Item) -> Html:
     """How far the points lie from the final surface."""
     found = item.get("deviation")
     if not found:
-        return Html("")
+        return NOTHING
     names = (("mean_m", "mean (signed)"), ("rms_m", "root mean square"), ("p95_m", "95 % of the points within"), ("max_m", "largest"))
     rows = [[label, figure_cell(millimetres(found.get(key)), "distance")] for key, label in names]
     return section("Points against the final surface", table(("distance", "value"), rows, class_="narrow"))
@@ -178,7 +194,11 @@ def _shape(item: Item) -> Html:
 
 def _mesh(item: Item, solid: Solid | None) -> Html:
     parts = [(name, (item.get(name) or {}).get("quality")) for name in ("surface", "volume")]
-    tables = [joined((tag("h4", {"surface": "Triangles of the surface", "volume": "Tetrahedra"}[name]), quality_table(quality))) for name, quality in parts if quality]
+    tables = [
+        joined((tag("h4", {"surface": "Triangles of the surface", "volume": "Tetrahedra"}[name]), quality_table(quality)))
+        for name, quality in parts
+        if quality
+    ]
     if solid is not None and len(solid.tets):
         rows = []
         for element, angle, centre in worst_elements(solid):
@@ -196,8 +216,17 @@ def _drift(item: Item) -> Html:
     for row in ledger:
         held, p95 = row.get("volume_m3"), row.get("p95_m")
         change = f"{100 * (held / first - 1):+.2f} %".replace("-", "\u2212") if first and is_number(held) else "\u2013"
-        cells = [(millimetres(row.get("thickness_m")), "thickness"), (millimetres(p95), "95 % of the points within"), (volume(held), "volume"), (change, "change")]
+        cells = [
+            (millimetres(row.get("thickness_m")), "thickness"),
+            (millimetres(p95), "95 % of the points within"),
+            (volume(held), "volume"),
+            (change, "change"),
+        ]
         rows.append([row.get("step"), *(figure_cell(value, label) for value, label in cells)])
         lengths += [(str(row.get("step")), float(p95), millimetres(p95))] if is_number(p95) else []
     chart = bars(lengths, title="Distance of 95 % of the points after each step")
-    return section("What each step changed", table(("step", "thickness", "95 % of the points within", "volume", "change"), rows), chart) if rows else Html("")
+    return (
+        section("What each step changed", table(("step", "thickness", "95 % of the points within", "volume", "change"), rows), chart)
+        if rows
+        else NOTHING
+    )

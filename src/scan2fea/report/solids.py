@@ -11,7 +11,7 @@ from scan2fea.kernel.quality import TET_FACES, TET_LIMITS, scaled_jacobian, tet_
 from scan2fea.report.camera import Camera, framed
 from scan2fea.report.charts import Limit, colour_bar, histogram, nice_step
 from scan2fea.report.colours import VIRIDIS, gradient, viridis
-from scan2fea.report.figures import Figure, drawn
+from scan2fea.report.figures import DATA_CONTRAST, Figure, drawn
 from scan2fea.report.markup import Html
 from scan2fea.report.render import Shape, render
 from scan2fea.report.words import number
@@ -66,8 +66,10 @@ def cut_figure(solid: Solid, camera: Camera) -> Figure:
         view = _facing(solid.nodes[np.unique(solid.tets[kept][:, :4])], normal, camera)
     faces, owner = solid.boundary(kept)
     angle = solid.min_dihedral_deg()
-    shape = Shape(vertices=solid.nodes, faces=faces, colours=viridis(angle[owner] / BEST_DIHEDRAL), smooth=False, lines=True)
-    legend = colour_bar(gradient(VIRIDIS), "0\u00b0 (flat)", "", f"{number(BEST_DIHEDRAL, 3)}\u00b0 (regular)", "Smallest dihedral angle of each element")
+    shape = Shape(vertices=solid.nodes, faces=faces, colours=viridis(angle[owner] / BEST_DIHEDRAL), smooth=False, lines=True, contrast=DATA_CONTRAST)
+    legend = colour_bar(
+        gradient(VIRIDIS), "0\u00b0 (flat)", "", f"{number(BEST_DIHEDRAL, 3)}\u00b0 (regular)", "Smallest dihedral angle of each element"
+    )
     caption = f"{'Cut across the middle, the part behind it shown' if across else 'Cut through the middle'}: {len(solid.tets):,} tetrahedra in all."
     alt = f"The tetrahedra behind a plane through the centroid; smallest dihedral angle {number(float(angle.min()))} degrees."
     return drawn("Inside the mesh", alt, caption, view, render(view, (shape,)), legend)
@@ -85,7 +87,7 @@ def displacement_figure(solid: Solid, camera: Camera) -> Figure | None:
     factor = _round_factor(WARP * _extent(solid.nodes) / largest)
     top = number(largest * MILLIMETRES_PER_METRE)
     legend = colour_bar(gradient(VIRIDIS), "0", "", f"{top} mm", "Displacement under its own weight")
-    caption = f"Shape warped {number(factor)} times."
+    caption = f"Drawn with the displacement enlarged {number(factor)} times."
     alt = f"Warped shape under its own weight, largest displacement {top} mm, drawn {number(factor)} times larger."
     return drawn("Self weight", alt, caption, camera, render(camera, (_warped(solid, moved * factor, size / largest),)), legend)
 
@@ -103,7 +105,14 @@ def mode_figure(solid: Solid, camera: Camera, k: int, frequency_hz: float | None
     told = f"Mode {k}" + (f", {number(frequency_hz)} Hz" if frequency_hz is not None else "")
     legend = colour_bar(gradient(VIRIDIS), "0 (still)", "", "1 (moves most)", "Relative amplitude")
     warped = _warped(solid, shape * (WARP * _extent(solid.nodes) / largest), size / largest)
-    return drawn(told, f"{told}: warped shape of the free body.", "Free in space; the amplitude of a mode has no unit.", camera, render(camera, (warped,)), legend)
+    return drawn(
+        told,
+        f"{told}: warped shape of the free body.",
+        "Free in space; the amplitude of a mode has no unit.",
+        camera,
+        render(camera, (warped,)),
+        legend,
+    )
 
 
 def quality_charts(solid: Solid) -> tuple[Html, Html]:
@@ -119,7 +128,14 @@ def quality_charts(solid: Solid) -> tuple[Html, Html]:
             limits=_limits(angle.fail, angle.warn),
             palette=lambda share: viridis(share * 75.0 / BEST_DIHEDRAL),
         ),
-        histogram(solid.scaled_jacobian(), low=-0.05, high=1.0, axis="scaled Jacobian", title="Scaled Jacobian", limits=_limits(jacobian.fail, jacobian.warn)),
+        histogram(
+            solid.scaled_jacobian(),
+            low=-0.05,
+            high=1.0,
+            axis="scaled Jacobian",
+            title="Scaled Jacobian",
+            limits=_limits(jacobian.fail, jacobian.warn),
+        ),
     )
 
 
@@ -168,7 +184,7 @@ def _vectors(solid: Solid, name: str) -> FloatArray | None:
 
 def _warped(solid: Solid, shift: FloatArray, share: FloatArray) -> Shape:
     faces, _ = solid.boundary()
-    return Shape(vertices=solid.nodes + shift, faces=faces, colours=viridis(share), per_vertex=True)
+    return Shape(vertices=solid.nodes + shift, faces=faces, colours=viridis(share), per_vertex=True, contrast=DATA_CONTRAST)
 
 
 def _extent(nodes: FloatArray) -> float:

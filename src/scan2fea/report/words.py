@@ -6,7 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, TypeGuard
 
 from scan2fea.units import MILLIMETRES_PER_METRE
 
@@ -31,7 +31,7 @@ PAGE_UNITS: Mapping[str, tuple[float, str]] = {
 }
 
 
-def is_number(value: object) -> bool:
+def is_number(value: object) -> TypeGuard[float]:
     """True for a finite number (a boolean is not one)."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
@@ -161,11 +161,13 @@ CAUSES: Mapping[str, str] = {
 
 def cause(item: Mapping[str, Any]) -> str:
     """Why an object failed, in a few words without figures: what failures are grouped by."""
-    first = next((check.get("name") for check in item.get("checks") or [] if not check.get("passed")), None)
+    first = next((str(check.get("name")) for check in item.get("checks") or [] if not check.get("passed")), "")
     if first in CAUSES:
         return CAUSES[first]
     text = " ".join(str(item.get("reason") or "no reason given").split())
     text = re.split(r"[:;(\u2014]| - |\. |, (?=\d)", text)[0].strip().rstrip(".,") or text
+    if first and re.search(r"\d", text):  # a sentence full of figures says less than the name of the check
+        return f"check \u201c{check_name(first)}\u201d not passed"
     if len(text) > CLAUSE:
         text = text[:CLAUSE].rsplit(" ", 1)[0] + " \u2026"
     return text
@@ -187,7 +189,8 @@ def headline(report: Mapping[str, Any]) -> str:
         sentence = f"{n - len(failed)} of {n} objects converted; {len(failed)} failed: {told}."
     assumed = [o for o in objects if o.get("verdict") == "converted" and unobserved(o)]
     if assumed:
-        sentence += f" {plural(len(assumed), 'converted object has a dimension', 'converted objects have dimensions')} from a catalogue: the scan could not tell."
+        who = plural(len(assumed), "converted object has a dimension", "converted objects have dimensions")
+        sentence += f" {who} from a catalogue: the scan could not tell."
     return _inputs_left_out(report, sentence)
 
 
@@ -212,7 +215,7 @@ def used_share(check: Mapping[str, Any]) -> float | None:
     value, limit = check.get("value"), check.get("limit")
     if not (is_number(value) and is_number(limit)) or value == limit or not limit or not value:
         return None
-    share = abs(float(value) / float(limit))  # type: ignore[arg-type]
+    share = abs(float(value) / float(limit))
     return share if share <= 1 else 1 / share
 
 

@@ -107,6 +107,16 @@ def face_origin(mesh: TriangleMesh, points: FloatArray, is_inferred: BoolArray |
     return np.asarray(backed.argmax(axis=1), np.int64)
 
 
+def unmeasured_share(mesh: TriangleMesh, points: FloatArray, reach_m: float) -> float:
+    """Share of the area with no point of its own side within `reach_m`. points : (n, 3) measured ones only."""
+    if not len(points) or not len(mesh.faces):
+        return 1.0
+    normals = face_normals(mesh)
+    places, face, share = _samples(mesh, reach_m / 2)
+    gap = _gap_to_points(places, normals[face], points, normals[PointToMesh(mesh).nearest(points).face], reach_m)
+    return float(share[~np.isfinite(gap)].sum() / share.sum())
+
+
 def area_shares(mesh: TriangleMesh, origin: IntArray) -> dict[str, float]:
     """{measured, interpolated, invented} shares of the area; they add up to 1."""
     areas = np.bincount(origin, weights=face_areas(mesh), minlength=3)
@@ -115,9 +125,7 @@ def area_shares(mesh: TriangleMesh, origin: IntArray) -> dict[str, float]:
     return {name: float(areas[kind] / total) for name, kind in kinds.items()}
 
 
-def deviation(
-    mesh: TriangleMesh, points: FloatArray, spacing_m: float, sigma_m: float, is_inferred: BoolArray | None = None
-) -> Deviation:
+def deviation(mesh: TriangleMesh, points: FloatArray, spacing_m: float, sigma_m: float, is_inferred: BoolArray | None = None) -> Deviation:
     """How far the measured points lie from the surface and how much of the surface they cover."""
     seen = _measured(points, is_inferred)
     nearest = PointToMesh(mesh).nearest(seen)

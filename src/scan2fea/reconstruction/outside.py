@@ -87,7 +87,7 @@ def floods(setting: Setting, options: OutsideOptions = OutsideOptions()) -> Iter
 
 def flood(setting: Setting, first_ball: float, core_solid: bool) -> Flood:
     """Roll the ball in from outside, growing it while it leaks through the sampling (reconstruction.md (e), steps 2 to 4)."""
-    h, tetra = setting.spacing_m, setting.tetra
+    h = setting.spacing_m
     radius = first_ball * h
     outside, leak = _roll_and_test(setting, radius)
     while leak > LEAK_FREE and radius * GROWTH <= LARGEST_BALL * h:
@@ -95,9 +95,7 @@ def flood(setting: Setting, first_ball: float, core_solid: bool) -> Flood:
         if leak <= LEAK_TOLERATED and grown_leak > 0.5 * leak:
             break  # not a leak through the sampling: faces one point row wide, which a larger ball would only shut in
         radius, outside, leak = radius * GROWTH, grown, grown_leak
-    cavities = _cavities(setting, outside, radius)
-    if cavities and not core_solid:
-        outside = outside | np.isin(_voids(tetra, outside, radius), cavities)
+    outside, n_cavities = emptied(setting, outside, radius, core_solid)
     plus, minus = _depths(setting, outside, REACH * h)
     sign = np.sign(minus - plus, where=np.isfinite(np.minimum(plus, minus)), out=np.zeros(len(plus)))
     return Flood(
@@ -106,8 +104,8 @@ def flood(setting: Setting, first_ball: float, core_solid: bool) -> Flood:
         ball_m=radius,
         first_ball=first_ball,
         leak_share=leak,
-        n_cavities=len(cavities),
-        core_solid=core_solid and bool(cavities),
+        n_cavities=n_cavities,
+        core_solid=core_solid and n_cavities > 0,
     )
 
 
@@ -115,6 +113,14 @@ def reached(tetra: Tetrahedralisation, radius: float) -> BoolArray:
     """(m,) tets that a ball of `radius` reaches from outside, through facets and tets of larger circumradius."""
     label = _spread(tetra.points, tetra.tets, tetra.neighbors, tetra.circumradius, tetra.is_box.copy(), radius)
     return np.asarray(label == 0)
+
+
+def emptied(setting: Setting, outside: BoolArray, radius: float, core_solid: bool) -> tuple[BoolArray, int]:
+    """The reached tets and, unless `core_solid`, those of the enclosed voids that are empty; and how many such voids there are."""
+    cavities = _cavities(setting, outside, radius)
+    if not cavities or core_solid:
+        return outside, len(cavities)
+    return np.asarray(outside | np.isin(_voids(setting.tetra, outside, radius), cavities)), len(cavities)
 
 
 def _roll_and_test(setting: Setting, radius: float) -> tuple[BoolArray, float]:

@@ -11,7 +11,7 @@ from scan2fea.kernel.delaunay import Tetrahedralisation
 from scan2fea.reconstruction.carve import Carved, carve, gaps
 from scan2fea.reconstruction.denoise import first_normals
 from scan2fea.reconstruction.gates import Evidence, Unseen, failed, gates_unseen
-from scan2fea.reconstruction.outside import Flood, OutsideOptions, floods, prepare, reached
+from scan2fea.reconstruction.outside import Flood, OutsideOptions, Setting, emptied, floods, prepare, reached
 from scan2fea.reconstruction.winding import polish
 from scan2fea.types import BoolArray, Check, FloatArray, Value
 
@@ -55,8 +55,13 @@ def _answer(points: FloatArray, is_inferred: BoolArray | None, flood: Flood, spa
     polished = polish(points, flood.signed, spacing_m)
     normals, sigma = first_normals(points, polished, spacing_m)
 
+    def entered(tetra: Tetrahedralisation) -> BoolArray:
+        setting = Setting(tetra=tetra, axis=normals, spacing_m=spacing_m)
+        ball = BALL_AGAIN * flood.ball_m
+        return emptied(setting, reached(tetra, ball), ball, flood.core_solid)[0]
+
     def prior(tetra: Tetrahedralisation) -> FloatArray:
-        return np.where(reached(tetra, BALL_AGAIN * flood.ball_m), FLOOD_SOURCE, 0.0)
+        return np.where(entered(tetra), FLOOD_SOURCE, 0.0)
 
     blind = np.full_like(points, np.nan)
     carved = carve(points, normals, blind, spacing_m, sigma, prior=prior, quality_weight=quality_weight, seed=seed)
@@ -71,7 +76,7 @@ def _answer(points: FloatArray, is_inferred: BoolArray | None, flood: Flood, spa
         sigma_m=sigma,
         is_inferred=is_inferred,
     )
-    volumes = carved.tetra.volumes()[carved.inside]
-    entered = reached(carved.tetra, BALL_AGAIN * flood.ball_m)[carved.inside]
-    facts = Unseen(flood=flood, polished=polished, held=carved.labels.held, flood_inside=float(volumes[entered].sum() / volumes.sum()))
+    volumes, open_tets = carved.tetra.volumes(), entered(carved.tetra) & carved.inside
+    share = float(volumes[open_tets].sum() / volumes[carved.inside].sum())
+    facts = Unseen(flood=flood, polished=polished, held=carved.labels.held, flood_inside=share)
     return Answer(carved=carved, sigma_m=sigma, flood=flood, checks=gates_unseen(evidence, facts), n_tried=n)

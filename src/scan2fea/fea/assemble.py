@@ -77,7 +77,19 @@ def _jacobian(nodes: FloatArray, tet: IntArray, dshape: FloatArray, inverse: Flo
         for c in range(3):
             r1, r2, c1, c2 = (r + 1) % 3, (r + 2) % 3, (c + 1) % 3, (c + 2) % 3
             inverse[c, r] = j[r1, c1] * j[r2, c2] - j[r1, c2] * j[r2, c1]
-    return j[0, 0] * inverse[0, 0] + j[0, 1] * inverse[1, 0] + j[0, 2] * inverse[2, 0]
+    return float(j[0, 0] * inverse[0, 0] + j[0, 1] * inverse[1, 0] + j[0, 2] * inverse[2, 0])
+
+
+@jit
+def _element_stiffness(g: FloatArray, w: float, lam: float, mu: float, element: FloatArray) -> None:
+    """Add one point's w (lam g_a g_b' + mu g_b g_a' + mu g_a.g_b) for the pairs a <= b; g (nodes, 3) are gradients."""
+    for a in range(len(g)):
+        for b in range(a, len(g)):
+            dot = mu * w * (g[a, 0] * g[b, 0] + g[a, 1] * g[b, 1] + g[a, 2] * g[b, 2])
+            for r in range(3):
+                for c in range(3):
+                    element[a, b, r, c] += w * (lam * g[a, r] * g[b, c] + mu * g[a, c] * g[b, r])
+                element[a, b, r, r] += dot
 
 
 @jit
@@ -86,7 +98,6 @@ def _fill_stiffness(
 ) -> int:
     """Add every element's stiffness to `out`; the number of the first element with a determinant <= 0, or -1."""
     n = tets.shape[1]
-    lam, mu = lame[0], lame[1]
     inverse = np.zeros((3, 3))
     g = np.zeros((n, 3))
     element = np.zeros((n, n, 3, 3))
@@ -99,14 +110,7 @@ def _fill_stiffness(
             for a in range(n):
                 for c in range(3):
                     g[a, c] = (dshape[q, a, 0] * inverse[0, c] + dshape[q, a, 1] * inverse[1, c] + dshape[q, a, 2] * inverse[2, c]) / det
-            w = weights[q] * det / 6.0
-            for a in range(n):
-                for b in range(a, n):
-                    dot = mu * w * (g[a, 0] * g[b, 0] + g[a, 1] * g[b, 1] + g[a, 2] * g[b, 2])
-                    for r in range(3):
-                        for c in range(3):
-                            element[a, b, r, c] += w * (lam * g[a, r] * g[b, c] + mu * g[a, c] * g[b, r])
-                        element[a, b, r, r] += dot
+            _element_stiffness(g, weights[q] * det / 6.0, lame[0], lame[1], element)
         for a in range(n):
             row = tets[e, a]
             for b in range(n):
@@ -119,7 +123,14 @@ def _fill_stiffness(
 
 @jit
 def _fill_mass(
-    nodes: FloatArray, tets: IntArray, indptr: IntArray, indices: IntArray, shapes: FloatArray, dshape: FloatArray, weights: FloatArray, out: FloatArray
+    nodes: FloatArray,
+    tets: IntArray,
+    indptr: IntArray,
+    indices: IntArray,
+    shapes: FloatArray,
+    dshape: FloatArray,
+    weights: FloatArray,
+    out: FloatArray,
 ) -> int:
     """Add every element's integral of N_a N_b to `out`; the number of the first element with a determinant <= 0, or -1."""
     n = tets.shape[1]

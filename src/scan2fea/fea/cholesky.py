@@ -76,14 +76,18 @@ class Cholesky:
         """Raises SolveError where the matrix is not positive definite to the digits of `dtype`."""
         self._tree, self._dtype = tree, dtype
         example = np.zeros((1, 1), dtype)
-        self._trsm, self._syrk = get_blas_funcs(("trsm", "syrk"), (example,))
-        (self._potrf,) = get_lapack_funcs(("potrf",), (example,))
+        self._trsm: Any = get_blas_funcs("trsm", (example,))
+        self._syrk: Any = get_blas_funcs("syrk", (example,))
+        self._potrf: Any = get_lapack_funcs("potrf", (example,))
         self._blocks: list[tuple[slice, IntArray, Any, Any]] = []
         arrays = (np.array(system.indptr), np.array(system.indices), np.array(system.stiffness), np.array(system.mass))
         place = np.full(system.n_nodes, -1, np.int64)
         waiting: dict[int, Any] = {}
         for number, front in enumerate(tree.fronts):
             n_own, n_rest = 3 * len(front.own), 3 * len(front.rest)
+            f11: Any
+            f21: Any
+            f22: Any
             f11, f21, f22 = (np.zeros(s, dtype, order="F") for s in ((n_own, n_own), (n_rest, n_own), (n_rest, n_rest)))
             both = np.concatenate([front.own, front.rest])
             place[both] = np.arange(len(both))

@@ -18,6 +18,7 @@ from scan2fea.kernel.jit import jit
 from scan2fea.types import BoolArray, FloatArray, IntArray
 
 LEAF_NODES = 24  # below, dense arithmetic is cheaper than another cut
+SMALL = 300  # nodes below which the smaller rim of the cut is good enough as a separator
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -103,6 +104,11 @@ def smallest_cover(edges: IntArray) -> IntArray:
     return np.concatenate([left[~seen_left], right[seen_right]])
 
 
+def _smaller_rim(edges: IntArray) -> IntArray:
+    """The smaller of the two sets of end nodes of the edges (e, 2)."""
+    return min(np.unique(edges[:, 0]), np.unique(edges[:, 1]), key=len)
+
+
 class _Builder:
     """State of the recursion: who is taken, and scratch marks."""
 
@@ -122,7 +128,7 @@ class _Builder:
             self.side[part[order[: len(part) // 2]]] = 1
             self.side[part[order[len(part) // 2 :]]] = 2
             edges = _crossing(part, self.side, self.indptr, self.indices)
-            cover = smallest_cover(edges) if len(edges) else np.zeros(0, np.int64)
+            cover = smallest_cover(edges) if len(part) > SMALL else _smaller_rim(edges)
             if best is None or len(cover) < len(best[2]):
                 self.side[cover] = 3
                 best = part[self.side[part] == 1], part[self.side[part] == 2], np.sort(cover)
@@ -150,12 +156,12 @@ def _neighbours(own: IntArray, indptr: IntArray, indices: IntArray) -> IntArray:
     return np.concatenate([indices[indptr[i] : indptr[i + 1]] for i in own])
 
 
-def dissect(nodes: FloatArray, indptr: IntArray, indices: IntArray, held: BoolArray) -> Tree:
-    """The fronts of the graph (indptr, indices) of nodes (n, 3) when the `held` (n,) do not move."""
+def dissect(nodes: FloatArray, indptr: IntArray, indices: IntArray) -> Tree:
+    """The fronts of the graph (indptr, indices) of nodes (n, 3)."""
     builder = _Builder(nodes, indptr, indices)
-    builder.cut(np.flatnonzero(~held))
-    order = np.concatenate([f.own for f in builder.fronts]) if builder.fronts else np.zeros(0, np.int64)
-    rank = np.full(len(nodes), -1, np.int64)
+    builder.cut(np.arange(len(nodes)))
+    order = np.concatenate([f.own for f in builder.fronts])
+    rank = np.empty(len(nodes), np.int64)
     rank[order] = np.arange(len(order))
     fronts: list[Front] = []
     for f in builder.fronts:
@@ -163,4 +169,21 @@ def dissect(nodes: FloatArray, indptr: IntArray, indices: IntArray, held: BoolAr
         tied = [_neighbours(f.own, indptr, indices), *(fronts[c].rest for c in f.children)]
         later = np.unique(rank[np.concatenate(tied)])
         fronts.append(Front(own=f.own, rest=order[later[later > rank[f.own[-1]]]], children=f.children))
+    return Tree(fronts=tuple(fronts), order=order, rank=rank)
+
+
+def without(tree: Tree, held: BoolArray) -> Tree:
+    """The fronts when the `held` nodes (n,) bool do not move: the same cuts, fewer nodes."""
+    fronts: list[Front] = []
+    gathers: list[tuple[int, ...]] = []  # of each old front: the new fronts that its parent must gather
+    for f in tree.fronts:
+        children = tuple(new for c in f.children for new in gathers[c])
+        own = f.own[~held[f.own]]
+        if len(own):
+            fronts.append(Front(own=own, rest=f.rest[~held[f.rest]], children=children))
+            children = (len(fronts) - 1,)
+        gathers.append(children)
+    order = tree.order[~held[tree.order]]
+    rank = np.full(len(held), -1, np.int64)
+    rank[order] = np.arange(len(order))
     return Tree(fronts=tuple(fronts), order=order, rank=rank)

@@ -9,7 +9,7 @@ import itertools
 
 import numpy as np
 
-from scan2fea.types import FloatArray
+from scan2fea.types import FloatArray, IntArray
 
 EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 # faces S1..S4 of C3D4 and C3D10 in the Abaqus and CalculiX numbering, outward
@@ -59,7 +59,7 @@ def shape_gradient(points: FloatArray, n_nodes: int) -> FloatArray:
     return np.concatenate([corner, middle], axis=1)
 
 
-def surface_volume(nodes: FloatArray, boundary: FloatArray) -> float:
+def surface_volume(nodes: FloatArray, boundary: IntArray) -> float:
     """Volume inside the boundary triangles (k, 3) or (k, 6), m3, by the divergence theorem: (1/3) of the flux of x.
 
     Curved triangles are integrated exactly: the integrand is of degree 4 (6-point rule of Dunavant 1985).
@@ -71,13 +71,13 @@ def surface_volume(nodes: FloatArray, boundary: FloatArray) -> float:
     p = x[boundary]
     d = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
     total = 0.0
-    for l, w in zip(bary, weights / weights.sum(), strict=True):
+    for bc, w in zip(bary, weights / weights.sum(), strict=True):
         if boundary.shape[1] == 3:
-            n, dn = l, d
+            n, dn = bc, d
         else:
             edges = ((0, 1), (1, 2), (0, 2))
-            n = np.concatenate([l * (2 * l - 1), [4 * l[i] * l[j] for i, j in edges]])
-            dn = np.concatenate([(4 * l - 1)[:, None] * d, [4 * (l[i] * d[j] + l[j] * d[i]) for i, j in edges]])
+            n = np.concatenate([bc * (2 * bc - 1), [4 * bc[i] * bc[j] for i, j in edges]])
+            dn = np.concatenate([(4 * bc - 1)[:, None] * d, [4 * (bc[i] * d[j] + bc[j] * d[i]) for i, j in edges]])
         at = np.einsum("n,knc->kc", n, p)
         normal = np.cross(np.einsum("n,knc->kc", dn[:, 0], p), np.einsum("n,knc->kc", dn[:, 1], p))
         total += w * float(np.einsum("kc,kc->", at, normal)) / 6

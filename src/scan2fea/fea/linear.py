@@ -11,7 +11,7 @@ from scan2fea.errors import SolveError
 from scan2fea.fea.amg import Multigrid
 from scan2fea.fea.assemble import System
 from scan2fea.fea.cholesky import Cholesky
-from scan2fea.fea.dissection import dissect
+from scan2fea.fea.dissection import Tree
 from scan2fea.fea.options import FeaOptions
 from scan2fea.types import BoolArray, FloatArray
 from scan2fea.units import BYTES_PER_MIB
@@ -27,14 +27,14 @@ class Inverse(Protocol):
 
 
 def inverses(
-    system: System, nodes: FloatArray, rigid: FloatArray, held: BoolArray, shift: float, options: FeaOptions
+    system: System, tree: Tree | None, rigid: FloatArray, held: BoolArray, shift: float, options: FeaOptions
 ) -> Iterator[tuple[str, Callable[[], Inverse]]]:
     """(name, how to make it) of the approximate inverses worth trying, best first.
 
-    Factors in double precision where they fit `max_factor_mb`, in single precision where only those fit, multigrid otherwise or next.
+    tree : fronts of the nodes that are not held, or None where factors are not wanted. Factors in double precision where they fit
+    `max_factor_mb`, in single precision where only those fit, multigrid otherwise or next.
     """
-    if options.solver != "amg":
-        tree = dissect(np.array(nodes), np.array(system.indptr), np.array(system.indices), held)
+    if tree is not None:
         need = 8 * tree.peak_entries / BYTES_PER_MIB
         if need <= options.max_factor_mb or options.solver == "direct":
             yield "Cholesky (multifrontal, double precision)", lambda: Cholesky(system, tree, shift)
@@ -73,7 +73,7 @@ def conjugate_gradients(
 
 
 def solve_static(
-    system: System, nodes: FloatArray, rigid: FloatArray, held: BoolArray, force: FloatArray, options: FeaOptions
+    system: System, tree: Tree | None, rigid: FloatArray, held: BoolArray, force: FloatArray, options: FeaOptions
 ) -> tuple[FloatArray, float, str]:
     """(displacement (n, 3), relative residual, name of the solver) under `force` (n, 3) with the `held` nodes fixed.
 
@@ -83,10 +83,10 @@ def solve_static(
     free = (~held)[:, None].astype(float)
 
     def product(x: FloatArray) -> FloatArray:
-        return np.asarray(stiffness @ x.ravel()).reshape(-1, 3) * free
+        return np.asarray((stiffness @ x.ravel()).reshape(-1, 3) * free)
 
     tried = []
-    for name, make in inverses(system, nodes, rigid, held, 0.0, options):
+    for name, make in inverses(system, tree, rigid, held, 0.0, options):
         try:
             x, residual, count = conjugate_gradients(product, make(), force * free, 0.01 * options.max_residual)
         except SolveError as error:
@@ -95,4 +95,4 @@ def solve_static(
         if residual <= options.max_residual:
             return x, residual, f"{name}, {count} iterations"
         tried.append(f"{name}: relative residual {residual:.1e} after {count} iterations")
-    raise SolveError(f"self weight, {3 * len(nodes)} dof: residual above {options.max_residual:g}: {'; '.join(tried) or 'no solver fits'}")
+    raise SolveError(f"self weight, {3 * len(held)} dof: residual above {options.max_residual:g}: {'; '.join(tried) or 'no solver fits'}")

@@ -14,7 +14,7 @@ from scan2fea.types import BoolArray, FEModel, FloatArray, IntArray, TetMesh
 ALL, LOWEST = "ALL", "LOWEST"
 MAX_NAME = 80  # CalculiX and Abaqus allow 80 characters
 
-_DOWN = {sign + name: (1.0 if sign == "+" else -1.0) * np.eye(3)[axis] for sign in "+-" for axis, name in enumerate("xyz")}
+_DOWN: dict[str, FloatArray] = {sign + name: (1.0 if sign == "+" else -1.0) * np.eye(3)[axis] for sign in "+-" for axis, name in enumerate("xyz")}
 _FLAT = 1 - 1e-6  # a face is plane where its area vector is this share of its area
 _STEEP_DEG = 10.0  # a plane face still carries while it is tilted by less than this
 _LEAST_AREA = 0.01  # of the area seen from below: less does not carry but only touches
@@ -23,7 +23,7 @@ _LEAST_AREA = 0.01  # of the area seen from below: less does not carry but only 
 def down_axis(options: FeaOptions) -> FloatArray:
     """(3,) unit vector of the self weight. Raises UsageError."""
     require(options.down in _DOWN, UsageError, f"fea.down is {options.down!r}: use one of {', '.join(_DOWN)}")
-    return _DOWN[options.down].copy()
+    return np.array(_DOWN[options.down])
 
 
 def set_name(name: str) -> str:
@@ -123,6 +123,4 @@ def build_model(tets: TetMesh, options: FeaOptions = FeaOptions()) -> FEModel:
         lowest = _lowest_band(tets, down, options.support_band)
     sets[ALL] = np.arange(len(tets.nodes), dtype=np.int64)
     sets[LOWEST] = np.unique(tets.boundary[lowest])
-    return FEModel(
-        mesh=tets, material=chosen_material(options), node_sets=sets, support=LOWEST, acceleration_m_s2=options.gravity_m_s2 * down
-    )
+    return FEModel(mesh=tets, material=chosen_material(options), node_sets=sets, support=LOWEST, acceleration_m_s2=options.gravity_m_s2 * down)

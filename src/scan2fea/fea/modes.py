@@ -81,8 +81,10 @@ def _orthonormal(block: FloatArray, products: Products, against: FloatArray, m_a
     return block
 
 
-def _ritz(basis: FloatArray, products: Products) -> tuple[FloatArray, FloatArray]:
-    values, vectors = np.linalg.eigh((lambda t: (t + t.T) / 2)(basis.T @ products.stiffness(basis)))
+def _ritz(basis: FloatArray, k_basis: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(values, vectors) of K on an orthonormal basis (3n, r), rising."""
+    small = basis.T @ k_basis
+    values, vectors = np.linalg.eigh((small + small.T) / 2)
     return values, vectors
 
 
@@ -93,7 +95,7 @@ def first_guess(system: System, nodes: FloatArray, n_wanted: int) -> tuple[Float
     rigid = _orthonormal(rigid_modes(nodes).reshape(-1, 6), products, none, none)
     m_rigid = products.mass(rigid)
     basis = _orthonormal(start_fields(nodes), products, rigid, m_rigid)
-    values, vectors = _ritz(basis, products)
+    values, vectors = _ritz(basis, products.stiffness(basis))
     n_fields = min(n_wanted - 6, basis.shape[1])
     drawn = np.random.default_rng(_SEED).normal(size=(3 * len(nodes), n_wanted + GUARD - 6 - n_fields))
     others = np.concatenate([basis @ vectors[:, :n_fields], drawn], axis=1)
@@ -106,28 +108,26 @@ def lobpcg(system: System, inverse: Inverse, shift: float, start: FloatArray, n_
     Raises SolveError if the bound is not reached in `MAX_ROUNDS`.
     """
     products = Products(system)
-    n = system.n_nodes
+    n, width = system.n_nodes, start.shape[1]
     none = np.zeros((3 * n, 0))
     x = _orthonormal(start, products, none, none)
-    values, vectors = _ritz(x, products)
-    x = x @ vectors
-    width = x.shape[1]
-    momentum = none
+    k_x = products.stiffness(x)
+    values, vectors = _ritz(x, k_x)
+    x, k_x, momentum = x @ vectors, k_x @ vectors, none
     error = np.inf
     for count in range(1, MAX_ROUNDS + 1):
         m_x = products.mass(x)
-        residual = products.stiffness(x) - m_x * values[:width]
+        residual = k_x - m_x * values
         step = inverse.apply(residual.reshape(n, 3, -1)).reshape(3 * n, -1)
-        bounds = np.einsum("ij,ij->j", residual, step) / (np.abs(values[:width]) + shift)
+        bounds = np.einsum("ij,ij->j", residual, step) / (np.abs(values) + shift)
         error = float(np.abs(bounds[:n_wanted]).max())
         if error <= tolerance:
             return Modes(eigenvalues=values[:n_wanted], shapes=x[:, :n_wanted].T.reshape(n_wanted, n, 3), error=error, rounds=count)
         more = _orthonormal(np.concatenate([step, momentum], axis=1), products, x, m_x)
-        basis = np.concatenate([x, more], axis=1)
-        values, vectors = _ritz(basis, products)
-        x = basis @ vectors[:, :width]
-        momentum = more @ vectors[width:, :width]
-        values = values[:width]
+        basis, k_basis = np.concatenate([x, more], axis=1), np.concatenate([k_x, products.stiffness(more)], axis=1)
+        values, vectors = _ritz(basis, k_basis)
+        values, vectors = values[:width], vectors[:, :width]
+        x, k_x, momentum = basis @ vectors, k_basis @ vectors, more @ vectors[width:]
     raise SolveError(f"free modes, {3 * n} dof: eigenvalues still {error:.1e} off after {MAX_ROUNDS} rounds, limit {tolerance:g}")
 
 

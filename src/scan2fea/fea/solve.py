@@ -8,12 +8,13 @@ import numpy as np
 
 from scan2fea.errors import SolveError, require
 from scan2fea.fea.assemble import System, assemble
+from scan2fea.fea.dissection import Tree, dissect, without
 from scan2fea.fea.elements import surface_volume
 from scan2fea.fea.linear import inverses, solve_static
 from scan2fea.fea.modes import GUARD, Modes, Products, first_guess, from_strains, lobpcg, rigid_modes
 from scan2fea.fea.options import FeaOptions
 from scan2fea.fea.strain import energies, von_mises
-from scan2fea.types import CaseResult, FEModel, FEResult, FloatArray
+from scan2fea.types import BoolArray, CaseResult, FEModel, FEResult, FloatArray
 
 N_RIGID = 6
 SHIFT = 0.1  # of the estimate of the first elastic eigenvalue
@@ -29,7 +30,7 @@ def _case(name: str, measure: str, unit: str, value: float, expected: float | No
     return CaseResult(name=name, measure=measure, unit=unit, value=float(value), expected=expected, relative_error=error)
 
 
-def held_nodes(model: FEModel) -> FloatArray:
+def held_nodes(model: FEModel) -> BoolArray:
     """(n,) bool of the nodes of the support. Raises SolveError where there are fewer than three."""
     nodes = model.node_sets.get(model.support, np.zeros(0, np.int64))
     require(len(nodes) >= 3, SolveError, f"the support {model.support} has {len(nodes)} nodes: 3 that are not on a line are needed")
@@ -39,14 +40,14 @@ def held_nodes(model: FEModel) -> FloatArray:
 
 
 def _self_weight(
-    model: FEModel, system: System, options: FeaOptions
+    model: FEModel, system: System, tree: Tree | None, options: FeaOptions
 ) -> tuple[tuple[CaseResult, ...], FloatArray, FloatArray, FloatArray, str]:
     """(cases, displacement (n, 3), reaction (3,), applied (3,), solver) of the part that stands on its support."""
     mesh, material = model.mesh, model.material
     held = held_nodes(model)
     # consistent load: the integral of N_i rho a is row i of the mass times a
     force = np.asarray(system.mass_matrix().sum(axis=1))[:, None] * model.acceleration_m_s2
-    u, residual, solver = solve_static(system, mesh.nodes, rigid_modes(mesh.nodes), held, force, options)
+    u, residual, solver = solve_static(system, tree and without(tree, held), rigid_modes(mesh.nodes), held, force, options)
     applied = force.sum(axis=0)
     reaction = ((system.stiffness_matrix() @ u.ravel()).reshape(-1, 3) - force)[held].sum(axis=0)
     weight = material.density_kg_m3 * surface_volume(mesh.nodes, mesh.boundary) * float(np.linalg.norm(model.acceleration_m_s2))
@@ -65,7 +66,7 @@ def _self_weight(
     return cases, u, reaction, applied, solver
 
 
-def _free_modes(model: FEModel, system: System, options: FeaOptions) -> tuple[Modes, str]:
+def _free_modes(model: FEModel, system: System, tree: Tree | None, options: FeaOptions) -> tuple[Modes, str]:
     """The six rigid and the first elastic modes of the free body. Raises SolveError where no solver finds them."""
     nodes = model.mesh.nodes
     n_wanted = N_RIGID + options.n_modes
@@ -73,7 +74,7 @@ def _free_modes(model: FEModel, system: System, options: FeaOptions) -> tuple[Mo
     start, bound = first_guess(system, nodes, n_wanted)
     free = np.zeros(len(nodes), bool)
     tried = []
-    for name, make in inverses(system, nodes, rigid_modes(nodes), free, SHIFT * bound, options):
+    for name, make in inverses(system, tree, rigid_modes(nodes), free, SHIFT * bound, options):
         try:
             modes = lobpcg(system, make(), SHIFT * bound, start, n_wanted, EIGEN_TOLERANCE)
         except SolveError as error:
@@ -83,9 +84,9 @@ def _free_modes(model: FEModel, system: System, options: FeaOptions) -> tuple[Mo
     raise SolveError("; ".join(tried) or "no solver fits: set fea.solver to auto")
 
 
-def _modal(model: FEModel, system: System, options: FeaOptions) -> tuple[tuple[CaseResult, ...], FloatArray, FloatArray, str]:
+def _modal(model: FEModel, system: System, tree: Tree | None, options: FeaOptions) -> tuple[tuple[CaseResult, ...], FloatArray, FloatArray, str]:
     """(cases, frequencies (6 + k,), shapes (k, n, 3), solver) of the free body."""
-    modes, solver = _free_modes(model, system, options)
+    modes, solver = _free_modes(model, system, tree, options)
     again, shapes = from_strains(energies(model.mesh, model.material, modes.shapes), Products(system), modes.shapes)
     frequencies = np.sign(again) * np.sqrt(np.abs(again)) / (2 * np.pi)
     elastic = shapes[N_RIGID:]
@@ -117,8 +118,9 @@ def solve(model: FEModel, options: FeaOptions = FeaOptions()) -> FEResult:
         n_dof <= options.max_dof, SolveError, f"{n_dof} degrees of freedom are above fea.max_dof = {options.max_dof}: mesh coarser or raise the limit"
     )
     system = assemble(mesh, material)
-    weight_cases, displacement, reaction, applied, static_solver = _self_weight(model, system, options)
-    modal_cases, frequencies, shapes, modal_solver = _modal(model, system, options)
+    tree = None if options.solver == "amg" else dissect(np.array(mesh.nodes), np.array(system.indptr), np.array(system.indices))
+    weight_cases, displacement, reaction, applied, static_solver = _self_weight(model, system, tree, options)
+    modal_cases, frequencies, shapes, modal_solver = _modal(model, system, tree, options)
     mass = _case("mass", "mass_kg", "kg", float(system.mass.sum()), material.density_kg_m3 * surface_volume(mesh.nodes, mesh.boundary))
     return FEResult(
         cases=(*weight_cases, *modal_cases, mass),

@@ -1,0 +1,206 @@
+"""E57 (ASTM E2807) through libE57 (pye57): every scan with its pose, rays without return as misses.
+
+Read piece by piece into float64: a header that promises more points than the file can hold never gets memory for them.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scan2fea.errors import EmptyScanError, FormatError, require
+from scan2fea.io.misses import grid_directions
+from scan2fea.io.source import ROWS_PER_PIECE, Column, Piece, Source
+from scan2fea.types import FloatArray
+
+_PAGE, _PAYLOAD = 1024, 1020  # bytes of a page with and without its checksum
+_LARGEST_XML = 1 << 26
+_CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
+_SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+# what is read, and the column it becomes
+_COLUMNS = {"intensity": "intensity", "colorRed": "red", "colorGreen": "green", "colorBlue": "blue",
+            "nor:normalX": "nx", "nor:normalY": "ny", "nor:normalZ": "nz"}  # fmt: skip
+_GRID = ("rowIndex", "columnIndex")
+_NO_RETURN, _NOTHING = 1, 2  # invalid states: the direction alone is known; nothing is
+
+
+@dataclass(frozen=True)
+class _Scan:
+    number: int
+    fields: tuple[str, ...]
+    n: int
+    T_world_scanner: FloatArray
+    has_pose: bool
+
+    @property
+    def is_spherical(self) -> bool:
+        return not all(name in self.fields for name in _CARTESIAN)
+
+
+def open_e57(path: Path, size: int) -> Source:
+    """An E57 file. Raises FormatError where the file is not sound, EmptyScanError without scans."""
+    _require_sound(path, size)
+    scans = _scans(path, size)
+    if not scans or sum(scan.n for scan in scans) == 0:
+        raise EmptyScanError(f"{path} holds {len(scans)} scans without points: export it again")
+    present = {name for scan in scans for name in scan.fields}
+    names = ("x", "y", "z", *(column for field, column in _COLUMNS.items() if field in present))
+
+    def pieces(wanted: frozenset[str]) -> Iterator[Piece]:
+        for scan in scans:
+            yield from _pieces(path, scan, tuple(field for field, column in _COLUMNS.items() if column in wanted))
+
+    is_posed = any(scan.has_pose and not np.array_equal(scan.T_world_scanner, np.eye(4)) for scan in scans)
+    return Source(columns=names, pieces=pieces, n_points=sum(scan.n for scan in scans), unit="m", pose_given=is_posed)
+
+
+def _require_sound(path: Path, size: int) -> None:
+    """The file header against the size, and its XML without document types, before libE57 is asked."""
+    with path.open("rb") as handle:
+        head = handle.read(48)
+        require(len(head) == 48, FormatError, f"{path} has {size} bytes, an E57 header has 48: it is cut off")
+        _, _, length, offset, xml_length, page = struct.unpack("<IIQQQQ", head[8:])
+        require(page == _PAGE, FormatError, f"{path} has pages of {page} bytes, E57 has {_PAGE}: its header is damaged")
+        require(length <= size, FormatError, f"{path} promises {length} bytes, but has {size}: it is cut off; copy it again")
+        pages = -(-xml_length // _PAYLOAD)
+        require(
+            xml_length <= _LARGEST_XML and 48 <= offset <= size and offset + pages * 4 + xml_length <= size + _PAGE,
+            FormatError,
+            f"{path}: its description of {xml_length} bytes should lie at byte {offset} of {size}: it is cut off or damaged",
+        )
+        first = offset // _PAGE * _PAGE
+        handle.seek(first)
+        raw = handle.read((pages + 2) * _PAGE)
+    xml = b"".join(raw[k : k + _PAYLOAD] for k in range(0, len(raw), _PAGE))[offset - first :][:xml_length]
+    require(b"<!" not in xml.replace(b"<!--", b"").replace(b"<![CDATA[", b""), FormatError, f"{path}: its XML defines entities: export it again")
+
+
+def _scans(path: Path, size: int) -> list[_Scan]:
+    import pye57
+
+    try:
+        with pye57.E57(str(path)) as file:
+            nodes = file.data3d if file.root.isDefined("data3D") else ()
+            return [_scan(path, size, pye57.ScanHeader(nodes[k]), k) for k in range(len(nodes))]
+    except (pye57.libe57.E57Exception, ValueError, RuntimeError, TypeError, KeyError) as error:
+        raise FormatError(f"{path} is no sound E57 file ({_said(error)}): export it again") from error
+
+
+def _scan(path: Path, size: int, header: Any, number: int) -> _Scan:
+    fields = tuple(header.point_fields)
+    n = int(header.point_count)
+    # a record of a sound scan takes one bit at least
+    require(0 <= n <= 8 * size, FormatError, f"{path} promises {n} points in scan {number + 1}, more than its {size} bytes can hold: it is damaged")
+    usable = all(name in fields for name in _CARTESIAN) or all(name in fields for name in _SPHERICAL)
+    require(usable or n == 0, FormatError, f"{path}: scan {number + 1} has {', '.join(fields)}: cartesian or spherical coordinates are needed")
+    pose = np.eye(4)
+    has_pose = bool(header.has_pose())
+    if has_pose:
+        node = header.node["pose"]
+        if node.isDefined("rotation"):
+            pose[:3, :3] = _rotation(path, np.array([node["rotation"][k].value() for k in "wxyz"], float))
+        if node.isDefined("translation"):
+            pose[:3, 3] = [node["translation"][k].value() for k in "xyz"]
+        require(bool(np.isfinite(pose).all()), FormatError, f"{path}: the pose of scan {number + 1} is not finite: export it again")
+    return _Scan(number, fields, n, pose, has_pose)
+
+
+def _rotation(path: Path, q: FloatArray) -> FloatArray:
+    """Rotation matrix of a quaternion w x y z, made unit."""
+    length = float(np.sqrt((q**2).sum()))
+    require(np.isfinite(length) and length > 0, FormatError, f"{path}: the rotation {q.tolist()} of a scan is no quaternion: export it again")
+    w, x, y, z = q / length
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def _pieces(path: Path, scan: _Scan, extra: tuple[str, ...]) -> Iterator[Piece]:
+    state = "sphericalInvalidState" if scan.is_spherical else "cartesianInvalidState"
+    fields = [*(_SPHERICAL if scan.is_spherical else _CARTESIAN), *(f for f in (*_GRID, state, *extra) if f in scan.fields)]
+    # a grid is told from the whole scan, which fits into a piece in practice; larger scans keep what the states alone tell
+    rows = scan.n if all(name in fields for name in _GRID) and scan.n <= 8 * ROWS_PER_PIECE else ROWS_PER_PIECE
+    for read in _buffers(path, scan, fields, min(rows, scan.n)):
+        yield _piece(scan, read, state, extra)
+
+
+def _buffers(path: Path, scan: _Scan, fields: list[str], capacity: int) -> Iterator[dict[str, FloatArray]]:
+    import pye57
+    from pye57 import libe57
+
+    if scan.n == 0:
+        return
+    try:
+        with pye57.E57(str(path)) as file:
+            arrays = {name: np.empty(capacity) for name in fields}
+            buffers = libe57.VectorSourceDestBuffer()
+            for name, array in arrays.items():
+                buffers.append(libe57.SourceDestBuffer(file.image_file, name, array, capacity, True, True))
+            reader = pye57.ScanHeader(file.data3d[scan.number]).points.reader(buffers)
+            total = 0
+            while (n := int(reader.read())) > 0:
+                total += n
+                yield {name: array[:n].copy() for name, array in arrays.items()}
+            reader.close()
+    except (libe57.E57Exception, ValueError, RuntimeError, TypeError, KeyError) as error:
+        raise FormatError(f"{path} is damaged in scan {scan.number + 1} ({_said(error)}): export it again") from error
+    require(total == scan.n, FormatError, f"{path} promises {scan.n} points in scan {scan.number + 1}, but holds {total}: it is cut off")
+
+
+def _piece(scan: _Scan, read: dict[str, FloatArray], state: str, extra: tuple[str, ...]) -> Piece:
+    local, direction = _local(scan, read)
+    invalid = read[state] if state in read else np.zeros(len(local))
+    at_scanner = (local == 0).all(axis=1) & (scan.has_pose or scan.is_spherical)
+    is_miss = (invalid != 0) | at_scanner
+    direction[(invalid >= _NOTHING) | at_scanner] = np.nan
+    is_grid = all(name in read for name in _GRID)
+    swept = _swept(local, is_miss, read) if is_grid and bool((is_miss & np.isnan(direction[:, 0])).any()) else None
+    if swept is not None:
+        unknown = np.isnan(direction[:, 0])
+        direction[unknown] = swept[unknown]
+    rotation, origin = scan.T_world_scanner[:3, :3], scan.T_world_scanner[:3, 3]
+    is_placed = scan.has_pose and not np.array_equal(scan.T_world_scanner, np.eye(4))
+    has_sensor = is_placed or scan.is_spherical or (is_grid and scan.has_pose)
+    kept: dict[str, Column] = {_COLUMNS[name]: read[name] for name in extra if name in read}
+    kept.update({_COLUMNS[name]: np.full(len(local), np.nan) for name in extra if name not in read})
+    if is_placed and all(name in kept for name in ("nx", "ny", "nz")):
+        normals = np.stack([kept["nx"], kept["ny"], kept["nz"]], axis=1) @ rotation.T
+        kept.update({name: normals[:, k] for k, name in enumerate(("nx", "ny", "nz"))})
+    return Piece(
+        points=local @ rotation.T + origin if scan.has_pose else local,
+        columns=kept,
+        sensor=origin if has_sensor else None,
+        is_miss=is_miss if bool(is_miss.any()) else None,
+        direction=direction @ rotation.T,
+    )
+
+
+def _local(scan: _Scan, read: dict[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Points in the frame of the scanner and the directions they were seen in (nan at the scanner itself)."""
+    if scan.is_spherical:
+        distance, azimuth, elevation = (read[name] for name in _SPHERICAL)
+        direction = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1)
+        return direction * distance[:, None], direction
+    local = np.stack([read[name] for name in _CARTESIAN], axis=1)
+    length = np.sqrt((local**2).sum(axis=1, keepdims=True))
+    return local, np.divide(local, length, out=np.full_like(local, np.nan), where=np.isfinite(length) & (length > 0))
+
+
+def _swept(local: FloatArray, is_miss: Any, read: dict[str, FloatArray]) -> FloatArray | None:
+    row, column = (read[name].astype(np.int64) for name in _GRID)
+    if int(row.min()) < 0 or int(column.min()) < 0:
+        return None
+    return grid_directions(local, ~is_miss & np.isfinite(local).all(axis=1), row, column)
+
+
+def _said(error: Exception) -> str:
+    return " ".join(str(error).split())[:120]

@@ -1,0 +1,233 @@
+"""Pieces of a file to whole columns: what is not finite is dropped, lengths become metres, and too many points become voxel means."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from scan2fea.errors import FormatError, InputError, require
+from scan2fea.io.source import Column, Piece
+from scan2fea.kernel.voxels import VoxelStream
+from scan2fea.types import FloatArray, IntArray, Rays
+
+_SAMPLE = 200_000  # points from which the first edge is told
+_SAFETY = 4.0  # the first edge is that much smaller than the sample suggests: it only ever doubles
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Gathered:
+    """Columns of the points that are kept, metres.
+
+    points : (n, 3).   raw_points : the first rows as in the file.   raw_index : (n,).   sensor : (n, 3) or (1, 3), nan unknown, or None.
+    miss_origin, miss_direction : (m, 3) rays without return whose direction is known.
+    """
+
+    points: FloatArray
+    raw_points: FloatArray
+    raw_index: IntArray
+    columns: dict[str, Column]
+    sensor: FloatArray | None
+    miss_origin: FloatArray
+    miss_direction: FloatArray
+    n_rows: int
+    n_dropped: int
+    n_misses: int
+    voxel_edge_m: float | None
+    notes: tuple[str, ...]
+
+    def rays(self) -> tuple[IntArray, Rays | None]:
+        """The row of each point in the rays, -1 where its sensor is not known, and the rays: of the points in order, then the misses."""
+        n = len(self.points)
+        ray = np.full(n, -1, np.int64)
+        if self.sensor is None and len(self.miss_origin) == 0:
+            return ray, None
+        origin = np.broadcast_to(self.sensor if self.sensor is not None else np.full(3, np.nan), (n, 3))
+        offset = self.points - origin
+        distance = np.sqrt((offset**2).sum(axis=1))
+        known = np.isfinite(distance) & (distance > 0)
+        n_known = int(known.sum())
+        if n_known == 0 and len(self.miss_origin) == 0:
+            return ray, None
+        ray[known] = np.arange(n_known)
+        return ray, Rays(
+            origin=np.concatenate([origin[known], self.miss_origin]),
+            direction=np.concatenate([offset[known] / distance[known, None], self.miss_direction]),
+            range_m=np.concatenate([distance[known], np.full(len(self.miss_origin), np.nan)]),
+        )
+
+
+class _Rows:
+    """The pieces so far, or their voxel means once there are more than `limit` points."""
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        self.stream: VoxelStream | None = None
+        self.points: list[FloatArray] = []
+        self.index: list[IntArray] = []
+        self.sensor: list[FloatArray] = []
+        self.columns: list[dict[str, Column]] = []
+        self.n = 0
+
+    def add(self, points: FloatArray, index: IntArray, sensor: FloatArray | None, columns: dict[str, Column]) -> None:
+        self._keep(points, index, sensor, columns)
+        if self.stream is not None:
+            self._thin(points)
+        elif self.n > self.limit:
+            self._start_thinning()
+
+    def _keep(self, points: FloatArray, index: IntArray, sensor: FloatArray | None, columns: dict[str, Column]) -> None:
+        self.points.append(points)
+        self.index.append(index)
+        self.sensor.append(np.full((1, 3), np.nan) if sensor is None else sensor)
+        self.columns.append(columns)
+        self.n += len(points)
+
+    def _start_thinning(self) -> None:
+        points, index, sensors, columns = self.points, self.index, self.sensor, self.columns
+        self.points, self.index, self.sensor, self.columns, self.n = [], [], [], [], 0
+        self.stream = VoxelStream(_first_edge(points, self.limit))
+        while points:
+            part = points.pop(0)
+            self._keep(part, index.pop(0), sensors.pop(0), columns.pop(0))
+            self._thin(part)
+
+    def _thin(self, points: FloatArray) -> None:
+        """Put the last piece kept into the voxels, and keep of it the rows alone that are the first of their voxel."""
+        stream = self.stream
+        if stream is None:
+            return
+        n_cells, n_rows = stream.n_cells, stream.n_rows
+        stream.add(points)
+        new = stream.first_row(n_cells) - n_rows
+        self.n -= len(points) - len(new)
+        self.points[-1] = points[:0]
+        self.index[-1] = self.index[-1][new]
+        self.sensor[-1] = self.sensor[-1] if len(self.sensor[-1]) == 1 else self.sensor[-1][new]
+        self.columns[-1] = {name: column[new] for name, column in self.columns[-1].items()}
+        while stream.n_cells > self.limit:
+            self._coarsen(stream)
+
+    def _coarsen(self, stream: VoxelStream) -> None:
+        merged = stream.coarsen()
+        top = np.maximum.accumulate(merged)
+        kept = np.flatnonzero(np.concatenate([[True], top[1:] != top[:-1]]))
+        index, sensor, columns = self.whole()
+        self.points, self.index, self.columns = [index[:0].astype(float)], [index[kept]], [{name: c[kept] for name, c in columns.items()}]
+        self.sensor = [sensor if len(sensor) == 1 else sensor[kept]]
+        self.n = len(kept)
+
+    def whole(self) -> tuple[IntArray, FloatArray, dict[str, Column]]:
+        """Index, sensor ((n, 3), or (1, 3) where all are the same) and columns of all rows kept."""
+        if not self.index:
+            return np.zeros(0, np.int64), np.full((1, 3), np.nan), {}
+        sensor = _joined_sensors(self.sensor, [len(part) for part in self.index])
+        names = self.columns[0]
+        return np.concatenate(self.index), sensor, {name: np.concatenate([part[name] for part in self.columns]) for name in names}
+
+
+def _joined_sensors(parts: list[FloatArray], rows: list[int]) -> FloatArray:
+    first = parts[0]
+    if all(len(part) == 1 and np.array_equal(part, first, equal_nan=True) for part in parts):
+        return first
+    return np.concatenate([np.broadcast_to(part, (n, 3)) for part, n in zip(parts, rows, strict=True)])
+
+
+def _first_edge(points: list[FloatArray], limit: int) -> float:
+    """A power of two, in metres, at which voxels begin to join points of the scan: small enough, as it only ever doubles."""
+    n = sum(len(part) for part in points)
+    step = max(1, n // _SAMPLE)
+    sample = np.concatenate([part[::step] for part in points])
+    extent = float((sample.max(axis=0) - sample.min(axis=0)).max())
+    largest = float(np.abs(sample).max())
+    smallest = max(extent * 2.0**-22, largest * 2.0**-48, 1e-12)
+    stream = VoxelStream(2.0 ** np.floor(np.log2(smallest)))
+    stream.add(sample)
+    while stream.n_cells > len(sample) // 2 and stream.edge_m < max(extent, smallest):
+        stream.coarsen()
+    # points on surfaces: `step` times as many of them lie sqrt(step) times closer
+    return float(max(2.0 ** np.floor(np.log2(stream.edge_m / (np.sqrt(step) * _SAFETY))), 2.0 ** np.floor(np.log2(smallest))))
+
+
+def gather(path: Path, pieces: Iterator[Piece], wanted: tuple[str, ...], scale: float, limit: int, keep_rows: bool) -> Gathered:
+    """Read all pieces. `limit`: points beyond which voxel means take their place; `keep_rows`: vertices of faces, none may be dropped or joined."""
+    rows = _Rows(limit)
+    misses: list[tuple[FloatArray, FloatArray]] = []
+    n_rows, n_dropped, n_misses, n_lost = 0, 0, 0, 0
+    raw = np.zeros((0, 3))
+    for piece in pieces:
+        n = len(piece.points)
+        is_finite = np.isfinite(piece.points).all(axis=1)
+        is_hit = is_finite if piece.is_miss is None else is_finite & ~piece.is_miss
+        if n_rows == 0:
+            raw = piece.points[:4]
+        require(
+            not keep_rows or bool(is_hit.all()),
+            FormatError,
+            f"{path}: vertex {n_rows + int(np.argmin(is_hit)) if n else 0} of a surface is not finite: repair the file",
+        )
+        if piece.is_miss is not None:
+            lost, ray = _misses(piece, scale)
+            n_misses, n_lost = n_misses + int(piece.is_miss.sum()), n_lost + lost
+            misses.append(ray)
+        n_dropped += int((~is_finite & ~(piece.is_miss if piece.is_miss is not None else False)).sum())
+        whole = bool(is_hit.all())
+        points = (piece.points if whole else piece.points[is_hit]) * scale
+        index = np.arange(n_rows, n_rows + n) if whole else n_rows + np.flatnonzero(is_hit)
+        sensor = None if piece.sensor is None else np.atleast_2d(piece.sensor if piece.sensor.ndim == 1 or whole else piece.sensor[is_hit]) * scale
+        rows.add(points, index, sensor, {name: np.asarray(piece.columns[name] if whole else piece.columns[name][is_hit]) for name in wanted})
+        n_rows += n
+        require(
+            not keep_rows or n_rows <= limit,
+            InputError,
+            f"{path} has {n_rows} vertices or more, {limit} fit into input.memory_gib: raise it, or simplify",
+        )
+    index, sensor_all, columns = rows.whole()
+    stream = rows.stream
+    points = stream.mean() if stream is not None else np.concatenate(rows.points) if rows.points else np.zeros((0, 3))
+    origin, direction = _thinned_misses(misses, limit) if misses else (np.zeros((0, 3)), np.zeros((0, 3)))
+    return Gathered(
+        points=points,
+        raw_points=raw,
+        raw_index=index,
+        columns=columns,
+        sensor=None if bool(np.isnan(sensor_all).all()) else sensor_all,
+        miss_origin=origin,
+        miss_direction=direction,
+        n_rows=n_rows,
+        n_dropped=n_dropped,
+        n_misses=n_misses,
+        voxel_edge_m=stream.edge_m if stream is not None else None,
+        notes=_notes(n_rows, n_dropped, n_lost, stream, limit),
+    )
+
+
+def _misses(piece: Piece, scale: float) -> tuple[int, tuple[FloatArray, FloatArray]]:
+    """How many misses have no known direction, and origin and direction of the others."""
+    if piece.is_miss is None or piece.direction is None or piece.sensor is None:
+        return int(piece.is_miss.sum()) if piece.is_miss is not None else 0, (np.zeros((0, 3)), np.zeros((0, 3)))
+    direction = piece.direction[piece.is_miss]
+    known = np.isfinite(direction).all(axis=1)
+    origin = np.broadcast_to(piece.sensor, piece.points.shape)[piece.is_miss] * scale
+    return int((~known).sum()), (origin[known], direction[known])
+
+
+def _thinned_misses(misses: list[tuple[FloatArray, FloatArray]], limit: int) -> tuple[FloatArray, FloatArray]:
+    """All misses, or every k-th where there are more than `limit`."""
+    step = 1 + sum(len(origin) for origin, _ in misses) // max(limit, 1)
+    return np.concatenate([origin[::step] for origin, _ in misses]), np.concatenate([direction[::step] for _, direction in misses])
+
+
+def _notes(n_rows: int, n_dropped: int, n_lost: int, stream: VoxelStream | None, limit: int) -> tuple[str, ...]:
+    notes = []
+    if n_dropped:
+        notes.append(f"{n_dropped} of {n_rows} rows are not finite and were dropped")
+    if n_lost:
+        notes.append(f"the direction of {n_lost} rays without return cannot be told: they were dropped")
+    if stream is not None:
+        notes.append(
+            f"{n_rows} points exceed the {limit} that fit into input.memory_gib: read as the means of {stream.n_cells} voxels of {stream.edge_m:g} m"
+        )
+    return tuple(notes)

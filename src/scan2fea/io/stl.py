@@ -1,0 +1,76 @@
+"""STL, text and binary. Corners with exactly the same coordinates are one vertex."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from scan2fea.errors import EmptyScanError, FormatError, InputError, require
+from scan2fea.io.numbers import mapped, shown
+from scan2fea.io.source import Piece, Source
+from scan2fea.types import FloatArray, IntArray
+from scan2fea.units import BYTES_PER_GIB
+
+_LARGEST_TEXT = BYTES_PER_GIB
+_RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_VERTEX = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)")
+
+
+def open_stl(path: Path, size: int) -> Source:
+    """An STL file. Raises FormatError where it is neither text nor binary STL or is cut off, EmptyScanError without triangles."""
+    with path.open("rb") as handle:
+        head = handle.read(84)
+    n = int.from_bytes(head[80:84], "little") if len(head) == 84 else 0
+    # many binary files begin with "solid" too: the size decides
+    if head.lstrip().lower().startswith(b"solid") and size != 84 + 50 * n:
+        corners = _text(path, size)
+    else:
+        corners = _binary(path, size, n, head)
+    vertices, faces = merged(corners)
+
+    def pieces(wanted: frozenset[str]) -> Iterator[Piece]:
+        yield Piece(points=vertices)
+
+    return Source(columns=("x", "y", "z"), pieces=pieces, n_points=len(vertices), faces=lambda: faces)
+
+
+def merged(corners: FloatArray) -> tuple[FloatArray, IntArray]:
+    """(m, 3, 3) corners of triangles to vertices, in the order they first appear, and faces."""
+    flat = np.ascontiguousarray(corners.reshape(-1, 3)) + 0.0  # -0 becomes 0
+    _, first, inverse = np.unique(flat.view([("x", "f8"), ("y", "f8"), ("z", "f8")]).reshape(-1), return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order))
+    return flat[first[order]], rank[inverse].reshape(-1, 3).astype(np.int64)
+
+
+def _binary(path: Path, size: int, n: int, head: bytes) -> FloatArray:
+    require(len(head) == 84, FormatError, f"{path} has {size} bytes, 84 are needed for a binary STL: it is cut off or another format")
+    require(
+        84 + 50 * n <= size,
+        FormatError,
+        f"{path} promises {n} triangles, but its {size} bytes hold at most {(size - 84) // 50}: it is cut off or not STL (it begins {head[:12]!r})",
+    )
+    if n == 0:
+        raise EmptyScanError(f"{path} promises 0 triangles: export it again")
+    return mapped(path)[84 : 84 + 50 * n].view(_RECORD)["corners"].astype(float)
+
+
+def _text(path: Path, size: int) -> FloatArray:
+    require(size <= _LARGEST_TEXT, InputError, f"{path} has {size} bytes, at most {_LARGEST_TEXT} are read as text: save it as binary STL")
+    text = path.read_bytes()
+    rows = _VERTEX.findall(text if b"vertex" in text else text.lower())
+    if not rows:
+        raise EmptyScanError(f"{path} holds no triangles: export it again")
+    require(
+        len(rows) % 3 == 0 and text.lower().count(b"endfacet") * 3 == len(rows),
+        FormatError,
+        f"{path} holds {len(rows)} corners and {text.lower().count(b'endfacet')} whole triangles: it is cut off or damaged",
+    )
+    try:
+        return np.array(rows, dtype="S32").astype(float).reshape(-1, 3, 3)
+    except ValueError as error:
+        raise FormatError(f"{path}: a corner is not of numbers ({shown(str(error).encode())}): correct it") from error

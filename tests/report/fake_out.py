@@ -21,7 +21,7 @@ def angle_solid() -> Solid:
     corners = np.array([[cell + np.array([c >> 2, c >> 1 & 1, c & 1]) for c in range(8)] for cell in cells])
     nodes, number = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     tets = number.reshape(-1, 8)[:, KUHN].reshape(-1, 4).astype(np.int64)
-    ticks = np.concatenate([[0.0], np.linspace(WALL, LEG, n_leg)])
+    ticks = np.array([0.0, *np.linspace(WALL, LEG, n_leg)])
     xyz = np.stack([nodes[:, 0] * LENGTH / n_long, ticks[nodes[:, 1]], ticks[nodes[:, 2]]], axis=1)
     edges = xyz[tets[:, 1:]] - xyz[tets[:, :1]]
     inside_out = np.einsum("ij,ij->i", edges[:, 0], np.cross(edges[:, 1], edges[:, 2])) < 0
@@ -74,7 +74,9 @@ def scattered(mesh: TriangleMesh, n: int, sigma_m: float, seed: int) -> PointClo
 def plane(centre: FloatArray, width: float, depth: float, n: int, seed: int) -> PointCloud:
     """Points on a horizontal rectangle."""
     rng = np.random.default_rng(seed)
-    return PointCloud.of(centre + np.stack([rng.uniform(-width / 2, width / 2, n), rng.uniform(-depth / 2, depth / 2, n), rng.normal(0, 0.0005, n)], axis=1))
+    return PointCloud.of(
+        centre + np.stack([rng.uniform(-width / 2, width / 2, n), rng.uniform(-depth / 2, depth / 2, n), rng.normal(0, 0.0005, n)], axis=1)
+    )
 
 
 def turned(axis: FloatArray, angle: float) -> FloatArray:
@@ -82,5 +84,3 @@ def turned(axis: FloatArray, angle: float) -> FloatArray:
     x, y, z = axis / np.linalg.norm(axis)
     k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
-
-

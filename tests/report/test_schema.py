@@ -8,8 +8,8 @@ from typing import Any
 
 import jsonschema
 import pytest
-from report.fake_report import fake_report
 
+from report.fake_report import fake_report
 from scan2fea.errors import FormatError, InputError
 from scan2fea.report.schema import parse_report, read_report, report_schema
 

@@ -17,7 +17,7 @@ GLOSSARY: tuple[tuple[str, str], ...] = (
     ("Q1", "shortest edge / radius of the circumscribed sphere (circle); best 1.633 for a tetrahedron, 1.732 for a triangle."),
     (
         "Q2",
-        "radius of the inscribed sphere (circle) / shortest edge; it rewards needles, so read it together with the others. Q2_corrected divides by the longest edge.",
+        "radius of the inscribed sphere (circle) / shortest edge; it rewards needles. Q2 corrected divides by the longest edge.",
     ),
     ("Q3", "radius of the inscribed / radius of the circumscribed sphere (circle); best 1/3, or 1/2 for a triangle."),
     ("Q4", "shortest / longest edge; best 1. Blind to flat slivers."),

@@ -1,0 +1,62 @@
+"""From a cloud to labelled things: supports, then the chosen method, then what only the whole scene tells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from scan2fea.errors import UsageError, require
+from scan2fea.segmentation.euclidean import euclidean
+from scan2fea.segmentation.given import given
+from scan2fea.segmentation.options import SegmentationOptions
+from scan2fea.segmentation.radius import link_radius
+from scan2fea.segmentation.scenes import things_of
+from scan2fea.segmentation.single import single
+from scan2fea.segmentation.supports import Supports, find_supports
+from scan2fea.types import IntArray, PointCloud, Scan, Segments
+
+Method = Callable[[PointCloud, SegmentationOptions], IntArray]
+
+METHODS: Mapping[str, Method] = {"euclidean": euclidean, "given": given, "single": single}
+FINAL = ("given", "single")  # their labels are taken as they are: no support is looked for
+
+
+def segment_scene(scan: Scan, options: SegmentationOptions = SegmentationOptions()) -> Segments:
+    """One label per point: supports first, then things from the largest to the smallest, ties by their first point.
+
+    Raises UsageError for a method that does not exist, SegmentationError where the method cannot run.
+    """
+    says = f"segmentation.method {options.method!r} does not exist: use one of {', '.join(METHODS)}"
+    require(options.method in METHODS, UsageError, says)
+    cloud = scan.cloud
+    if options.method in FINAL:
+        labels = METHODS[options.method](cloud, options)
+        return Segments(labels=labels, kinds=("object",) * (int(labels.max(initial=-1)) + 1), how={"method": options.method})
+    radius = options.radius_m or link_radius(cloud.points, options.seed)
+    supports = Supports.none(len(cloud))
+    if options.supports and np.isfinite(radius) and radius > 0:
+        supports = find_supports(cloud.points, scan.sensors(), radius, options.min_points, options.seed)
+    rest = np.flatnonzero(supports.number < 0)
+    found = METHODS[options.method](cloud.take(rest), options)
+    clusters = [rest[found == label] for label in range(int(found.max(initial=-1)) + 1)]
+    own_radius = options.radius_m or link_radius(cloud.points[rest], options.seed)
+    if options.supports and (len(clusters) > 1 or supports.planes) and np.isfinite(own_radius) and own_radius > 0:
+        things = things_of(cloud.points, clusters, supports, own_radius, options.min_points, options.seed)
+        pieces = [(thing.rows, thing.kind) for thing in things]
+    else:
+        pieces = [(rows, "object") for rows in clusters]
+    how = {"method": options.method, "radius_m": own_radius, "n_supports": len(supports.planes), "n_things": len(pieces)}
+    return _numbered(supports, pieces, how)
+
+
+def _numbered(supports: Supports, pieces: list[tuple[IntArray, str]], how: Mapping[str, object]) -> Segments:
+    labels = np.full(len(supports.number), -1, np.int64)
+    kinds: list[str] = []
+    for i in range(len(supports.planes)):
+        labels[supports.number == i] = len(kinds)
+        kinds.append("support")
+    for rows, kind in sorted(pieces, key=lambda piece: (-len(piece[0]), int(piece[0].min(initial=0)))):
+        labels[rows] = len(kinds)
+        kinds.append(kind)
+    return Segments(labels=labels, kinds=tuple(kinds), how=how)

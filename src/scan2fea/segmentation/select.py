@@ -1,0 +1,48 @@
+"""Which segments are worth modelling. What is left out stays in the cloud, with its label and the reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2fea.segmentation.options import SelectOptions
+from scan2fea.types import PointCloud, Segments
+
+KINDS = ("object", "support", "clutter")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Selection:
+    """labels : of the objects to model, largest first, ties by the first point.   notes : one sentence per segment left out, or per group of them."""
+
+    labels: tuple[int, ...]
+    notes: tuple[str, ...]
+
+
+def select(cloud: PointCloud, segments: Segments, options: SelectOptions = SelectOptions()) -> Selection:
+    """The segments of the wanted kinds that have enough points, largest first.
+
+    The order depends on the points alone: by number of points, descending, then by the first point.
+    """
+    n = len(segments.kinds)
+    counts = np.bincount(segments.labels[segments.labels >= 0], minlength=n)
+    first = np.full(n, len(cloud))
+    np.minimum.at(first, segments.labels[segments.labels >= 0], np.flatnonzero(segments.labels >= 0))
+    order = sorted((label for label in range(n) if counts[label]), key=lambda label: (-counts[label], first[label]))
+    wanted = [label for label in order if segments.kinds[label] in options.kinds]
+    least = max(float(options.min_points), options.min_share * max((counts[label] for label in wanted), default=0))
+    chosen = [label for label in wanted if counts[label] >= least]
+    notes = [_note([label for label in order if segments.kinds[label] == kind], f"of kind {kind}") for kind in KINDS if kind not in options.kinds]
+    few = f"with fewer than {round(least)} points (select.min_points, select.min_share)"
+    notes.append(_note([label for label in wanted if counts[label] < least], few))
+    notes.append(_note(chosen[options.max_objects :], f"beyond select.max_objects = {options.max_objects}"))
+    return Selection(labels=tuple(chosen[: options.max_objects]), notes=tuple(note for note in notes if note))
+
+
+def _note(labels: list[int], why: str) -> str:
+    """What was left out and why; empty if nothing was."""
+    if not labels:
+        return ""
+    shown = ", ".join(str(label) for label in labels[:8]) + (", ..." if len(labels) > 8 else "")
+    return f"not modelled: {len(labels)} segment{'s' if len(labels) > 1 else ''} {why} (label {shown})"

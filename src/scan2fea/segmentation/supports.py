@@ -1,0 +1,118 @@
+"""Floors, table tops and walls: large planes that carry things and are no part of them.
+
+A plane is a support only if everything speaks for it; in doubt it stays with the object. A slab, a leg of an angle, the side of a box
+are large planes too, so size decides nothing. What decides, for a plane of a connected part of the cloud:
+
+1. one side: nearly nothing of the part lies behind it, and where the sensor is known, the sensor is on the other side too;
+2. no body: what lies in front covers less than half of it. Every closed solid that a plane bounds casts its shadow on the whole plane;
+3. something stands on it that is not a mere ring, and the plane goes on beyond that thing along both axes of its footprint, in at least
+   three of the four directions (the fourth may lie in the scanner's shadow). The web on a flange, the other leg of an angle run out at
+   the ends of the plane;
+4. the plane is at least as wide as that thing is tall: a column on its base plate is one object, a column on a floor is not part of it;
+5. without a known sensor: the border of the plane is not mostly lined by walls going up (a box seen from outside with a pocket in its
+   face, and a room seen from inside, are then the same points).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2fea.kernel.neighbors import radius_components
+from scan2fea.segmentation.footprint import border_share, directions_beyond, grid_on, is_covered, least_extent, standing_parts
+from scan2fea.segmentation.planes import Plane, large_planes
+from scan2fea.types import FloatArray, IntArray, Value
+
+_BEHIND = 0.05
+_BODY = 0.5
+_LINED = 0.5
+_LEAST_SHARE = 0.05  # of the points of its part: smaller planes carry nothing
+_CANDIDATES = 4
+_MOST = 8  # supports per scene
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Supports(Value):
+    """number : (n,) int64, which support each point lies on, -1 none.   planes : normals towards what they carry.   width_m : their smaller sides."""
+
+    number: IntArray
+    planes: tuple[Plane, ...]
+    width_m: tuple[float, ...]
+
+    @classmethod
+    def none(cls, n_points: int) -> Supports:
+        """No support."""
+        return cls(number=np.full(n_points, -1, np.int64), planes=(), width_m=())
+
+
+def find_supports(points: FloatArray, sensors: FloatArray, radius_m: float, min_points: int, seed: int = 0) -> Supports:
+    """The supports of a scene.
+
+    points : (n, 3).   sensors : (n, 3), nan where unknown.   radius_m : that joins points of one surface.
+    """
+    number = np.full(len(points), -1, np.int64)
+    planes: list[Plane] = []
+    todo = [np.arange(len(points))]
+    while todo and len(planes) < _MOST:
+        part = todo.pop()
+        for rows in _connected(points, part, radius_m, min_points):
+            plane = _support_of(points[rows], sensors[rows], radius_m, min_points, seed)
+            if plane is None:
+                continue
+            on = np.abs(plane.height(points[rows])) <= plane.band_m
+            number[rows[on]] = len(planes)
+            planes.append(plane)
+            todo.append(rows[~on])
+    widths = tuple(_width(plane, points[number == i], radius_m) for i, plane in enumerate(planes))
+    return Supports(number=number, planes=tuple(planes), width_m=widths)
+
+
+def _width(plane: Plane, points: FloatArray, radius_m: float) -> float:
+    grid = grid_on(plane, points, radius_m)
+    return least_extent(grid.occupied(points), grid.edge_m)
+
+
+def _connected(points: FloatArray, rows: IntArray, radius_m: float, min_points: int) -> list[IntArray]:
+    """The connected parts of the rows that are large enough to hold a plane and something on it, largest first."""
+    if len(rows) < 2 * min_points:
+        return []
+    labels = radius_components(points[rows], radius_m)
+    counts = np.bincount(labels)
+    large = np.flatnonzero(counts >= 2 * min_points)
+    return [rows[labels == label] for label in large[np.argsort(-counts[large], kind="stable")]]
+
+
+def _support_of(points: FloatArray, sensors: FloatArray, radius_m: float, min_points: int, seed: int) -> Plane | None:
+    """The largest plane of one connected part that is a support."""
+    for plane in large_planes(points, _CANDIDATES, _LEAST_SHARE, seed):
+        height = plane.height(points)
+        upward = plane if (height > plane.band_m).sum() >= (height < -plane.band_m).sum() else plane.flipped()
+        if carries(upward, points, sensors, radius_m, min_points):
+            return upward
+    return None
+
+
+def carries(plane: Plane, points: FloatArray, sensors: FloatArray, radius_m: float, min_points: int) -> bool:
+    """The tests of the module's docstring, for the side the plane's normal points to."""
+    height = plane.height(points)
+    on, above = np.abs(height) <= plane.band_m, height > plane.band_m
+    if not above.any() or (~on & ~above).sum() > _BEHIND * len(points):
+        return False
+    known = on & np.isfinite(sensors).all(axis=1)
+    is_seen = bool(known.sum() > 0.5 * on.sum())
+    if is_seen and np.median(plane.height(sensors[known])) <= 0:
+        return False
+    grid = grid_on(plane, points, radius_m)
+    floor, body = grid.occupied(points[on]), grid.occupied(points[above])
+    if body.sum() >= _BODY * (floor | body).sum():
+        return False
+    parts = standing_parts(points, height, plane.band_m, grid, radius_m, min_points)
+    width = least_extent(floor, grid.edge_m)
+    stands = [directions_beyond(part.cells, floor) >= 3 and part.height_m <= width for part in parts]
+    if not any(ok and is_covered(part.cells) for ok, part in zip(stands, parts, strict=True)):
+        return False
+    lining = np.zeros(grid.shape, bool)
+    for ok, part in zip(stands, parts, strict=True):
+        lining |= part.cells & (not ok)
+    return is_seen or border_share(floor, lining) < _LINED

@@ -52,7 +52,7 @@ def ring() -> TriangleMesh:
     n, m = 90, 40
     u, v = (a.ravel() for a in np.meshgrid(np.arange(n) * 2 * np.pi / n, np.arange(m) * 2 * np.pi / m, indexing="ij"))
     radius = 0.2 + 0.07 * np.cos(v)
-    vertices = np.stack([radius * np.cos(u), radius * np.sin(u), 0.07 * np.sin(v)], axis=1) + [1.6, 2.5, 0.8]
+    vertices = np.stack([radius * np.cos(u), radius * np.sin(u), 0.07 * np.sin(v)], axis=1) + np.array([1.6, 2.5, 0.8])
     i, j = (a.ravel() for a in np.meshgrid(np.arange(n), np.arange(m), indexing="ij"))
     a, b, c, d = i * m + j, (i + 1) % n * m + j, (i + 1) % n * m + (j + 1) % m, i * m + (j + 1) % m
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)]).astype(np.int64)

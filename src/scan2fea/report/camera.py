@@ -55,6 +55,7 @@ def look_at(points: FloatArray, *, width_px: int = 700, height_px: int = 450, no
     chosen = 0
     if normals is not None and len(normals):
         views += [_view(frame, azimuth, -ELEVATION_RAD) for azimuth in (AZIMUTH_RAD, np.pi + AZIMUTH_RAD)]
+        normals = np.nan_to_num(normals)
         whole = max(float(np.linalg.norm(normals, axis=1).sum()), 1e-300)
         shown = [float(np.maximum(normals @ view[2], 0).sum()) / whole for view in views]
         # in steps of a fortieth: where the sides are alike the first view wins; from below only where that shows much more

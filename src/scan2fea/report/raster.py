@@ -77,6 +77,35 @@ def draw_lines(screen: FloatArray, segments: IntArray, colour: FloatArray, lift:
                     image[i, j, k] += opacity * (colour[k] - image[i, j, k])
 
 
+@jit
+def shade_depth(image: FloatArray, depth: FloatArray, unit: float, start: float, strength: float, near: int, far: int) -> None:
+    """Darken what lies behind what is next to it (eye-dome lighting, Boucheny 2009): it gives bare points their shape and things an outline.
+
+    unit : pixels of depth that count as a full step.   start : share of a step that is let pass.   near, far : how far to look, pixels; far may be 0.
+    """
+    height, width = depth.shape
+    reaches = (near, far)
+    n = 8 if far > 0 else 4
+    for i in range(height):
+        for j in range(width):
+            own = depth[i, j]
+            if own == -math.inf:
+                continue
+            step = 0.0
+            for reach in reaches:
+                if reach == 0:
+                    continue
+                for side in range(4):
+                    di = reach * (1 - side) if side % 2 == 0 else 0
+                    dj = reach * (2 - side) if side % 2 == 1 else 0
+                    other = depth[min(max(i + di, 0), height - 1), min(max(j + dj, 0), width - 1)]
+                    step += min(max((other - own) / unit - start, 0.0), 1.0)
+            if step > 0:
+                dark = math.exp(-strength * step / n)
+                for k in range(3):
+                    image[i, j, k] *= dark
+
+
 def blank(height: int, width: int, background: FloatArray) -> tuple[FloatArray, FloatArray]:
     """An empty picture (h, w, 3) and its depth (h, w), nothing anywhere near."""
     return np.broadcast_to(background, (height, width, 3)).copy(), np.full((height, width), -np.inf)

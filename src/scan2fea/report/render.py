@@ -10,7 +10,7 @@ import numpy as np
 from scan2fea.kernel.measures import face_vectors
 from scan2fea.report.camera import Camera
 from scan2fea.report.colours import PLAIN
-from scan2fea.report.raster import blank, draw_discs, draw_lines, draw_triangles
+from scan2fea.report.raster import blank, draw_discs, draw_lines, draw_triangles, shade_depth
 from scan2fea.types import BoolArray, ByteArray, FloatArray, IntArray, Value
 
 SUPERSAMPLING = 2
@@ -20,7 +20,6 @@ CREASE_COS = float(np.cos(np.radians(38.0)))  # faces that meet at less are shad
 LIGHTS = np.array([[-0.35, 0.55, 0.76], [0.75, 0.05, 0.66], [0.0, -0.6, 0.8]])  # key, fill, from below; in the axes of the picture
 STRENGTHS = np.array([0.52, 0.26, 0.12])
 AMBIENT = 0.36
-OUTLINE = 0.75  # darkness of the line where a near thing hides a far one
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,7 +59,7 @@ def render(camera: Camera, things: tuple[Shape | Dots, ...]) -> ByteArray:
         else:
             _dots(thing, camera, image, depth)
     has_dots = any(isinstance(thing, Dots) for thing in things)
-    image = _outlined(image, depth, soft=has_dots)
+    _shade(image, depth, soft=has_dots)
     small = image.reshape(camera.height_px, s, camera.width_px, s, 3).mean(axis=(1, 3))
     return np.asarray(np.rint(np.clip(small, 0, 255)), np.uint8)
 
@@ -139,20 +138,10 @@ def _dots(dots: Dots, camera: Camera, image: FloatArray, depth: FloatArray) -> N
     draw_discs(camera.project(dots.points) * SUPERSAMPLING, base.astype(np.float64), dots.radius_px * SUPERSAMPLING, image, depth)
 
 
-def _outlined(image: FloatArray, depth: FloatArray, *, soft: bool) -> FloatArray:
-    """Darker where something near stands before something far (eye-dome lighting, Boucheny 2009): it gives bare points their shape."""
-    seen = np.isfinite(depth)
-    if not seen.any():
-        return image
-    far = depth[seen].min() - 1.0
-    filled = np.where(seen, depth, far)
-    reach = (2, 4) if soft else (1,)
-    unit = 0.02 * (depth[seen].max() - far + 1.0)
-    step = np.zeros_like(filled)
-    for r in reach:
-        padded = np.pad(filled, r, mode="edge")
-        for di, dj in ((0, 1), (0, -1), (1, 0), (-1, 0)):
-            nearer = padded[r + di * r : r + di * r + filled.shape[0], r + dj * r : r + dj * r + filled.shape[1]]
-            step += np.clip((nearer - filled) / unit - (0.15 if soft else 0.6), 0, 1) / (4 * len(reach))
-    dark = np.exp(-(1.6 if soft else OUTLINE) * step)
-    return image * np.where(seen, dark, 1.0)[:, :, None]
+def _shade(image: FloatArray, depth: FloatArray, *, soft: bool) -> None:
+    """Outlines of surfaces; softer and wider ones where there are points."""
+    seen = depth[np.isfinite(depth)]
+    if len(seen):
+        unit = 0.02 * float(np.ptp(seen)) + 1.0
+        start, strength, near, far = (0.15, 1.6, 2, 4) if soft else (0.6, 0.75, 1, 0)
+        shade_depth(image, depth, unit, start, strength, near, far)

@@ -225,8 +225,4 @@ def _drift(item: Item) -> Html:
         rows.append([row.get("step"), *(figure_cell(value, label) for value, label in cells)])
         lengths += [(str(row.get("step")), float(p95), millimetres(p95))] if is_number(p95) else []
     chart = bars(lengths, title="Distance of 95 % of the points after each step")
-    return (
-        section("What each step changed", table(("step", "thickness", "95 % within", "volume", "change"), rows), chart)
-        if rows
-        else NOTHING
-    )
+    return section("What each step changed", table(("step", "thickness", "95 % within", "volume", "change"), rows), chart) if rows else NOTHING

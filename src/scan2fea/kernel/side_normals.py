@@ -12,9 +12,12 @@ import numpy as np
 
 from scan2fea.kernel.jit import jit
 from scan2fea.kernel.neighbors import _slot_of, _sorted_into_cells
-from scan2fea.types import FloatArray, IntArray
+from scan2fea.types import BoolArray, FloatArray, IntArray
 
 SAME_SIDE = 0.3  # least cosine between the normals of one side
+SAME_FACE = 0.8  # least cosine between the normals of one face, once they are known
+FLAT_SIGMAS, FLAT_SPACINGS = 1.3, 0.05  # a patch is flat if its residual is below their sum
+GLIMPSE = -0.1  # least cosine at which a sensor is believed to see a surface: below, it would look at it from behind
 OPPOSITE = -0.7  # largest cosine between the normals of the two faces of a wall
 AXIS_RADIUS = 1.6  # spacings round the axis in which the other side is looked for
 
@@ -32,10 +35,29 @@ def side_normals(points: FloatArray, toward: FloatArray, radius_m: float, refits
     """
     first, index = radius_lists(points, radius_m)
     xyz = np.ascontiguousarray(points, float)
-    normals = _signed(_smallest_axis(_covariances(xyz, np.zeros_like(xyz), first, index, radius_m, -1.0)), toward)
+    normals = _signed(_fit(xyz, np.zeros_like(xyz), first, index, radius_m, -1.0)[0], toward)
     for _ in range(refits):
-        normals = _signed(_smallest_axis(_covariances(xyz, normals, first, index, radius_m, SAME_SIDE)), normals)
+        normals = _signed(_fit(xyz, normals, first, index, radius_m, SAME_SIDE)[0], normals)
     return normals
+
+
+def settled_normals(points: FloatArray, normals: FloatArray, toward: FloatArray, radius_m: float, sigma_m: float, spacing_m: float) -> FloatArray:
+    """The normals (n, 3) made sure of where a single point cannot be: at grazing incidence and at creases.
+
+    Signs: a point seen at grazing incidence does not know its side, noise decides. Each point takes the sum of what its neighbours see,
+    |n.U| strong, counting those that lie on its own tangent plane within the noise, and those on flat patches most.
+    Creases: the plane through points of two faces is neither, and a sensor may see one face from behind the other. Where the patch is
+    not flat, the point takes the normal of the flat neighbour whose plane it lies on best, among those its own sensor can see.
+    toward : (n, 3) unit vectors U on the outer side.
+    """
+    first, index = radius_lists(points, radius_m)
+    xyz, seen = np.ascontiguousarray(points, float), np.ascontiguousarray(toward, float)
+    _, rms = _fit(xyz, normals, first, index, radius_m, SAME_SIDE)
+    flat = rms <= FLAT_SIGMAS * sigma_m + FLAT_SPACINGS * spacing_m
+    thickness = 1.5 * sigma_m + FLAT_SPACINGS * spacing_m
+    signed = normals * _agreed(xyz, normals, seen, flat, first, index, radius_m, thickness)[:, None]
+    settled = _of_best_plane(xyz, signed, seen, flat, first, index, radius_m, thickness)
+    return _signed(_fit(xyz, settled, first, index, radius_m, SAME_FACE)[0], settled)
 
 
 def wall_depth(points: FloatArray, normals: FloatArray, spacing_m: float, reach_m: float, outward: bool = False) -> FloatArray:
@@ -54,9 +76,11 @@ def _signed(axes: FloatArray, toward: FloatArray) -> FloatArray:
     return np.ascontiguousarray(np.where(flip[:, None], -axes, axes))
 
 
-def _smallest_axis(six: FloatArray) -> FloatArray:
-    """(n, 3) eigenvector of the least eigenvalue of the symmetric matrices xx, xy, xz, yy, yz, zz."""
-    return np.asarray(np.linalg.eigh(six[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3))[1][:, :, 0])
+def _fit(points: FloatArray, normals: FloatArray, first: IntArray, index: IntArray, radius: float, least: float) -> tuple[FloatArray, FloatArray]:
+    """Axis of least variance (n, 3) of the neighbours with n_i.n_j > least, of either sign, and the residual (n,) across it."""
+    moments = _covariances(points, normals, first, index, radius, least)
+    values, axes = np.linalg.eigh(moments[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3))
+    return np.asarray(axes[:, :, 0]), np.sqrt(np.maximum(values[:, 0], 0.0) / np.maximum(moments[:, 6], np.finfo(float).tiny))
 
 
 @jit
@@ -97,8 +121,8 @@ def _within(
 
 @jit
 def _covariances(points: FloatArray, normals: FloatArray, first: IntArray, index: IntArray, radius: float, least: float) -> FloatArray:
-    """(n, 6) weighted covariance xx, xy, xz, yy, yz, zz of each point's neighbours with n_i.n_j > least."""
-    out = np.zeros((len(points), 6))
+    """(n, 7) weighted moments xx, xy, xz, yy, yz, zz of each point's neighbours with n_i.n_j > least, and the sum of their weights."""
+    out = np.zeros((len(points), 7))
     for p in range(len(points)):
         w = sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
         for o in range(first[p], first[p + 1]):
@@ -115,6 +139,60 @@ def _covariances(points: FloatArray, normals: FloatArray, first: IntArray, index
         if w > 0.0:
             out[p, 0], out[p, 1], out[p, 2] = xx - sx * sx / w, xy - sx * sy / w, xz - sx * sz / w
             out[p, 3], out[p, 4], out[p, 5] = yy - sy * sy / w, yz - sy * sz / w, zz - sz * sz / w
+            out[p, 6] = w
+    return out
+
+
+@jit
+def _agreed(
+    points: FloatArray, normals: FloatArray, toward: FloatArray, flat: BoolArray,
+    first: IntArray, index: IntArray, radius: float, thickness: float,
+) -> FloatArray:  # fmt: skip
+    """(n,) 1 where the neighbours agree with the sign of the normal, else -1."""
+    out = np.ones(len(points))
+    for p in range(len(points)):
+        total = 0.0
+        for o in range(first[p], first[p + 1]):
+            q = index[o]
+            r2 = height = cosine = seen = 0.0
+            for a in range(3):
+                d = points[q, a] - points[p, a]
+                r2 += d * d
+                height += d * normals[p, a]
+                cosine += normals[q, a] * normals[p, a]
+                seen += normals[q, a] * toward[q, a]
+            trust = 1.0 if flat[q] else 0.1
+            total += trust * cosine * seen * math.exp(-2.0 * r2 / (radius * radius) - 0.5 * (height / thickness) ** 2)
+        if total < 0.0:
+            out[p] = -1.0
+    return out
+
+
+@jit
+def _of_best_plane(
+    points: FloatArray, normals: FloatArray, toward: FloatArray, flat: BoolArray,
+    first: IntArray, index: IntArray, radius: float, thickness: float,
+) -> FloatArray:  # fmt: skip
+    """(n, 3) the normal of the flat neighbour whose plane holds the point best, for points whose own patch is not flat."""
+    out = normals.copy()
+    for p in range(len(points)):
+        if flat[p]:
+            continue
+        best = np.inf
+        for o in range(first[p], first[p + 1]):
+            q = index[o]
+            if not flat[q]:
+                continue
+            r2 = height = seen = 0.0
+            for a in range(3):
+                d = points[q, a] - points[p, a]
+                r2 += d * d
+                height += d * normals[q, a]
+                seen += normals[q, a] * toward[p, a]
+            cost = abs(height) / thickness + 0.5 * math.sqrt(r2) / radius
+            if seen > GLIMPSE and cost < best:
+                best = cost
+                out[p] = normals[q]
     return out
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from scan2fea.kernel.jit import jit
 from scan2fea.kernel.noise import noise_sigma
-from scan2fea.kernel.side_normals import SAME_SIDE, radius_lists, side_normals
+from scan2fea.kernel.side_normals import SAME_SIDE, radius_lists, settled_normals, side_normals
 from scan2fea.types import FloatArray, IntArray, Value
 
 NORMAL_RADIUS = 2.5  # spacings
@@ -35,12 +35,15 @@ class Denoised(Value):
 def first_normals(points: FloatArray, toward: FloatArray, spacing_m: float) -> tuple[FloatArray, float]:
     """Same-side normals (n, 3) and the noise sigma; fitted again in a wider radius where the noise swamps the first.
 
-    toward : (n, 3) vectors on the outer side.
+    toward : (n, 3) unit vectors on the outer side.
     """
     radius = NORMAL_RADIUS * spacing_m
     for _ in range(3):
         normals = side_normals(points, toward, radius)
         sigma = noise_sigma(points, normals)
+        if math.isfinite(sigma):
+            normals = settled_normals(points, normals, toward, radius, sigma, spacing_m)
+            sigma = noise_sigma(points, normals)
         wider = min(4.0 * sigma, 6.0 * spacing_m) if math.isfinite(sigma) else 6.0 * spacing_m
         if wider <= 1.1 * radius:
             break

@@ -14,8 +14,8 @@ from scan2fea.types import BoolArray, FloatArray, IntArray
 
 REJECTED = 0.05  # share of the rays that may pass through the surface of nearer points
 N_RAYS = 4000
-DISC = 0.75  # spacings: radius of the disc that stands for the surface at a point
-SLANT = 0.3  # least cosine between a ray and the normal of a disc it is said to pass
+DISC = 1.5  # spacings: the points this near to where the ray crosses their planes must surround it; a rim beside the ray does not block it
+SLANT = 0.3  # least cosine between a ray and the normals at both ends of its crossing: noise alone lifts a grazing ray in and out
 OFF_PLANE = 0.5  # spacings a point must lie off the plane of a disc in its way
 NEIGHBORS = 8
 
@@ -43,11 +43,13 @@ def outer_side(points: FloatArray, sensors: FloatArray, normals: FloatArray | No
 def blocked_share(points: FloatArray, normals: FloatArray, sensors: FloatArray, spacing_m: float, sigma_m: float, seed: int = 0) -> float:
     """Share of the rays that pass through the surface of nearer points on the way from their sensor; 0 if no sensor is known.
 
-    points : (n, 3).   normals : (n, 3) unit, of any sign.   sensors : (n, 3), nan rows where not known. A seeded draw of N_RAYS is judged:
-    a ray is blocked if it crosses, not too slantingly, a disc of 0.75 spacings at another point from whose plane its own point lies away
-    by more than the noise.
+    points : (n, 3).   normals : (n, 3) unit, of any sign.   sensors : (n, 3), nan rows where not known. A seeded draw of N_RAYS is judged,
+    grazing ones left out. A ray is blocked where it crosses the planes of points that surround the crossing within 1.5 spacings and
+    from whose planes its own point lies away by more than the noise.
     """
-    known = np.flatnonzero(np.isfinite(sensors).all(axis=1))
+    to = sensors - points
+    steep = np.abs(np.einsum("ij,ij->i", to, normals)) >= SLANT * np.linalg.norm(to, axis=1)  # False where the sensor is nan
+    known = np.flatnonzero(steep)
     if not len(known):
         return 0.0
     rows = known[sampled_rows(len(known), N_RAYS, seed)]
@@ -64,32 +66,50 @@ def _blocked(
     edge = 2.0 * disc
     _, cells, table, order, start = _sorted_into_cells(points, low, edge)
     out = np.zeros(len(rows), np.bool_)
+    angles = np.zeros(256)
+    ray = np.zeros((4, 3))  # origin, direction, and two axes across
     for r in range(len(rows)):
-        p = points[rows[r]]
-        way = sensors[r] - p
-        length = math.sqrt((way**2).sum())
+        ray[0] = points[rows[r]]
+        length = math.sqrt(((sensors[r] - ray[0]) ** 2).sum())
         if not length > 0.0:
             continue
-        d = way / length
+        ray[1] = (sensors[r] - ray[0]) / length
+        ray[2] = 0.0
+        ray[2, np.argmin(np.abs(ray[1]))] = 1.0
+        ray[2] = np.cross(ray[1], ray[2])
+        ray[3] = np.cross(ray[1], ray[2])
         s = 0.0
         while s < length and not out[r]:
-            x = p + s * d
+            x = ray[0] + s * ray[1]
             if ((x < low - edge) | (x > high + edge)).any():
                 break
-            out[r] = _disc_near(points, normals, cells, table, order, start, low, edge, x, p, d, disc, off, length)
+            n = _crossings(points, normals, cells, table, order, start, low, disc, ray, s, min(s + disc, length), off, angles)
+            out[r] = n >= 3 and _surrounded(angles[:n])
             s += disc
     return out
 
 
 @jit
-def _disc_near(
+def _surrounded(angles: FloatArray) -> bool:
+    """True if no gap between the directions reaches half a turn."""
+    ordered = np.sort(angles)
+    gap = ordered[0] + 2.0 * math.pi - ordered[-1]
+    for k in range(1, len(ordered)):
+        gap = max(gap, ordered[k] - ordered[k - 1])
+    return bool(gap < math.pi)
+
+
+@jit
+def _crossings(
     points: FloatArray, normals: FloatArray, cells: IntArray, table: IntArray, order: IntArray, start: IntArray, low: FloatArray,
-    edge: float, x: FloatArray, p: FloatArray, d: FloatArray, disc: float, off: float, length: float,
-) -> bool:  # fmt: skip
-    """True if the ray p + s d crosses a disc whose centre lies in the 27 cells round x."""
-    i0 = np.int64(math.floor((x[0] - low[0]) / edge))
-    j0 = np.int64(math.floor((x[1] - low[1]) / edge))
-    k0 = np.int64(math.floor((x[2] - low[2]) / edge))
+    disc: float, ray: FloatArray, near: float, far: float, off: float, angles: FloatArray,
+) -> int:  # fmt: skip
+    """How many discs the ray crosses between `near` - disc and `far`, and in which direction across the ray each centre lies."""
+    edge = 2.0 * disc
+    i0 = np.int64(math.floor((ray[0, 0] + near * ray[1, 0] - low[0]) / edge))
+    j0 = np.int64(math.floor((ray[0, 1] + near * ray[1, 1] - low[1]) / edge))
+    k0 = np.int64(math.floor((ray[0, 2] + near * ray[1, 2] - low[2]) / edge))
+    found = 0
     for cell in range(27):
         c = table[_slot_of(i0 + cell // 9 - 1, j0 + (cell // 3) % 3 - 1, k0 + cell % 3 - 1, cells, table)]
         if c < 0:
@@ -98,16 +118,20 @@ def _disc_near(
             q = order[o]
             height = along = 0.0
             for a in range(3):
-                height += normals[q, a] * (points[q, a] - p[a])
-                along += normals[q, a] * d[a]
+                height += normals[q, a] * (points[q, a] - ray[0, a])
+                along += normals[q, a] * ray[1, a]
             if abs(along) < SLANT or abs(height) < off:
                 continue
             s = height / along
-            if s <= 0.0 or s >= length:
+            if s <= 0.0 or s < near - disc or s > far:
                 continue
-            miss = 0.0
+            miss = u = v = 0.0
             for a in range(3):
-                miss += (p[a] + s * d[a] - points[q, a]) ** 2
-            if miss <= disc * disc:
-                return True
-    return False
+                w = points[q, a] - ray[0, a] - s * ray[1, a]
+                miss += w * w
+                u += w * ray[2, a]
+                v += w * ray[3, a]
+            if miss <= disc * disc and found < len(angles):
+                angles[found] = math.atan2(v, u)
+                found += 1
+    return found

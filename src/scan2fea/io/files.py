@@ -16,13 +16,14 @@ _BLOCK = 1 << 20
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
-    """A binary file that takes the name `path` only when the block ends well; otherwise nothing is left behind.
+    """A binary file that takes the name `path` only when the block ends well; otherwise nothing is left behind. Missing folders are made.
 
-    Raises UsageError where the folder is missing or cannot be written to.
+    Raises UsageError where the folder cannot be written to.
     """
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         handle = temporary.open("wb")
     except OSError as error:
         raise UsageError(f"{path}: cannot be written ({error.strerror}): choose another folder with -o") from error
@@ -63,3 +64,8 @@ def sha256_of(path: Path) -> str:
         while block := handle.read(_BLOCK):
             digest.update(block)
     return digest.hexdigest()
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write `text` as UTF-8 under the name `path`, whole or not at all."""
+    write_bytes(path, text.encode())

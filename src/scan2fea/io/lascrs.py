@@ -63,9 +63,10 @@ def _from_text(text: str) -> Crs:
         is_geographic = re.search(r"\b(GEOGCS|GEOGCRS|GEODCRS|GEODETICCRS)\s*\[", text, re.IGNORECASE) is not None
         return Crs(DEGREES if is_geographic else "")
     part = _bracketed(text, projected.end())
-    units = {_length_unit(float(factor)) for name, factor in _UNIT.findall(part) if "deg" not in name.lower() and "rad" not in name.lower()}
-    lengths = sorted(unit for unit in units if unit)
-    return Crs(lengths[0]) if len(lengths) == 1 else Crs("", ("the coordinate system does not state one unit of length: metres were assumed",))
+    # the first that is no angle: that of the plan; heights may come after it
+    factors = [float(factor) for name, factor in _UNIT.findall(part) if not any(angle in name.lower() for angle in ("deg", "rad", "grad"))]
+    unit = _length_unit(factors[0]) if factors else ""
+    return Crs(unit, () if unit else ("the coordinate system states no known unit of length: metres were assumed, give --unit otherwise",))
 
 
 def _bracketed(text: str, start: int) -> str:

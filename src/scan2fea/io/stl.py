@@ -7,15 +7,18 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from scan2fea.errors import EmptyScanError, FormatError, InputError, require
+from scan2fea.io.files import replacing
 from scan2fea.io.numbers import mapped, shown
 from scan2fea.io.source import Piece, Source
-from scan2fea.types import FloatArray, IntArray
+from scan2fea.types import FloatArray, IntArray, TriangleMesh
 from scan2fea.units import BYTES_PER_GIB
 
 _LARGEST_TEXT = BYTES_PER_GIB
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_VOLUME_TOLERANCE = 1e-5  # a tenth of what a reader of the file is asked to find
 _VERTEX = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)")
 
 
@@ -74,3 +77,55 @@ def _text(path: Path, size: int) -> FloatArray:
         return np.array(rows, dtype="S32").astype(float).reshape(-1, 3, 3)
     except ValueError as error:
         raise FormatError(f"{path}: a corner is not of numbers ({shown(str(error).encode())}): correct it") from error
+
+
+def write_stl(path: Path, mesh: TriangleMesh, scale: float = 1.0) -> None:
+    """Binary STL of the mesh times `scale`; as text with all digits where float32 would join vertices, turn a face over or change the volume.
+
+    What is read back and merged on equal coordinates is the same surface: same faces, volume within 1e-4.
+    """
+    vertices = mesh.vertices * scale
+    rounded = vertices.astype(np.float32)
+    normals = _unit_normals(vertices, mesh.faces)
+    with replacing(path) as handle:
+        if _is_kept(vertices, rounded, mesh.faces):
+            records = np.zeros(len(mesh.faces), _RECORD)
+            records["normal"], records["corners"] = normals, rounded[mesh.faces]
+            handle.write(b"scan2fea".ljust(80) + len(records).to_bytes(4, "little") + records.tobytes())
+            return
+        handle.write(b"solid scan2fea\n")
+        for start in range(0, len(mesh.faces), 1 << 16):
+            rows = zip(vertices[mesh.faces[start : start + (1 << 16)]].tolist(), normals[start : start + (1 << 16)].tolist(), strict=True)
+            handle.write("".join(_facet(corners, normal) for corners, normal in rows).encode())
+        handle.write(b"endsolid scan2fea\n")
+
+
+def _facet(corners: list[list[float]], normal: list[float]) -> str:
+    lines = "".join(f"vertex {x!r} {y!r} {z!r}\n" for x, y, z in corners)
+    return f"facet normal {normal[0]!r} {normal[1]!r} {normal[2]!r}\nouter loop\n{lines}endloop\nendfacet\n"
+
+
+def _cross(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def _unit_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
+    cross = _cross(vertices, faces)
+    length = np.sqrt((cross**2).sum(axis=1, keepdims=True))
+    return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
+
+
+def _is_kept(vertices: FloatArray, rounded: npt.NDArray[np.float32], faces: IntArray) -> bool:
+    """Whether the surface survives float32: no two distinct vertices join, no face turns over, the volume stays."""
+    if not bool(np.isfinite(rounded).all()):
+        return False
+    exact = len(np.unique(vertices, axis=0))
+    if len(np.unique(rounded, axis=0)) != exact:
+        return False
+    back = rounded.astype(float)
+    before, after = _cross(vertices, faces), _cross(back, faces)
+    turned = (before * after).sum(axis=1) <= 0
+    centre = vertices.mean(axis=0) if len(vertices) else np.zeros(3)
+    volumes = [float(((v[faces[:, 0]] - centre) * cross).sum()) for v, cross in ((vertices, before), (back, after))]
+    return not bool(turned[(before != 0).any(axis=1)].any()) and abs(volumes[1] - volumes[0]) <= _VOLUME_TOLERANCE * abs(volumes[0])

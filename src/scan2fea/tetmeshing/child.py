@@ -1,0 +1,64 @@
+"""Runs worker.py in a process of its own, with a wall clock and a memory limit, and puts what went wrong in words."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scan2fea.errors import MeshingError
+
+# what gmsh says -> what the user can do; the first that fits
+_REASONS = (
+    ("overlapping facets", "two parts of the surface lie on one another", "repair the surface, or remesh it finer where walls are thin"),
+    ("intersect", "the surface crosses itself", "repair the surface"),
+    ("Invalid boundary mesh", "the surface does not bound a volume (crossing or overlapping triangles)", "repair the surface"),
+    ("recover", "the mesher could not keep all triangles of the surface", "remesh it: long thin triangles are the usual cause"),
+    ("No elements in volume", "the surface encloses nothing", "repair the surface"),
+    ("bad_alloc", "the mesher ran out of its memory", "raise tetmeshing.memory_limit_gib or mesh coarser"),
+)
+
+
+def run_worker(job: dict[str, Any], *, time_limit_s: float, memory_limit_gib: float) -> dict[str, Any]:
+    """The result of the job (see worker.py). Raises MeshingError with gmsh's reason, or that it crashed or was stopped."""
+    with tempfile.TemporaryDirectory() as folder:
+        job_path, result_path = Path(folder) / "job.npz", Path(folder) / "result.npz"
+        np.savez(job_path, **{**job, "memory_gib": memory_limit_gib})
+        command = [sys.executable, "-P", str(Path(__file__).with_name("worker.py")), str(job_path), str(result_path)]
+        environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+        try:
+            ended = subprocess.run(
+                command, capture_output=True, text=True, errors="replace", timeout=time_limit_s, env=environment, cwd=folder, check=False
+            )  # fmt: skip
+        except subprocess.TimeoutExpired:
+            raise MeshingError(
+                f"the mesher was stopped after {time_limit_s:g} s: mesh coarser (remesh.edge_m, tetmeshing.edge_m) or raise tetmeshing.time_limit_s"
+            ) from None
+        if not result_path.exists():
+            raise MeshingError(_crash(ended.returncode, ended.stderr, memory_limit_gib))
+        with np.load(result_path) as archive:
+            result = {name: archive[name] for name in archive.files}
+    if str(result["error"]):
+        raise MeshingError(in_words(str(result["error"])))
+    return result
+
+
+def in_words(reason: str) -> str:
+    """gmsh's own line, and before it what it means and what to do where that is known."""
+    for part, meaning, action in _REASONS:
+        if part.lower() in reason.lower():
+            return f"{meaning}: {action} (gmsh: {reason})"
+    return f"gmsh could not fill the surface: {reason}"
+
+
+def _crash(code: int, stderr: str, memory_limit_gib: float) -> str:
+    if "MemoryError" in stderr or "bad_alloc" in stderr:
+        return f"the mesher ran out of its {memory_limit_gib:g} GiB: raise tetmeshing.memory_limit_gib or mesh coarser"
+    how = f"signal {-code}" if code < 0 else f"exit code {code}"
+    last = stderr.strip().splitlines()[-1] if stderr.strip() else "no message"
+    return f"the mesher crashed ({how}; {last}): the surface is one it cannot handle; repair or remesh it"

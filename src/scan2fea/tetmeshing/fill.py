@@ -1,0 +1,168 @@
+"""Fill a closed surface with tets: from its B-Rep where that is made of true faces, else inside its own triangles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from scan2fea.errors import MeshingError, require
+from scan2fea.kernel.measures import extent
+from scan2fea.kernel.measures import volume as enclosed_volume
+from scan2fea.kernel.quality import TET_LIMITS, tet_dihedrals, triangle_angles
+from scan2fea.options import option
+from scan2fea.tetmeshing.child import run_worker
+from scan2fea.tetmeshing.naming import Names, names_of, prove_order
+from scan2fea.tetmeshing.sizing import element_size
+from scan2fea.tetmeshing.tets import boundary_of, proved, tagged, tet_mesh
+from scan2fea.types import Brep, FloatArray, IntArray, TetMesh, TriangleMesh, Value
+from scan2fea.units import MILLIMETRES_PER_METRE
+
+GOOD_DEG = 10.0  # no further attempt and no optimisation above: clean gmsh meshes of thin parts reach 12 to 21
+LIMIT_DEG = float(TET_LIMITS["min_dihedral_deg"].fail or 0.0)
+MANY_FACES = 400  # B-Rep faces up to which meshing face by face makes sense; above it the faces are facets, smaller than elements
+
+
+@dataclass(frozen=True, kw_only=True)
+class FillOptions:
+    """How a solid is filled with tets."""
+
+    route: str = option("auto", "mesh the faces of the B-Rep anew, or keep the triangles of the surface", choices=("auto", "brep", "surface"))
+    edge_m: float | None = option(None, "edge length of the elements; without it two wall thicknesses, within the limits below", unit="m", minimum=0.0)
+    max_elements: int = option(40_000, "largest number of tets that element sizes are chosen for", minimum=100)
+    max_nodes: int = option(58_000, "largest number of TET10 nodes that element sizes are chosen for (a kept surface sets its own)", minimum=100)
+    growth: float = option(0.4, "how fast elements grow away from the kept triangles: metres of edge per metre of distance", minimum=0.0, maximum=2.0)
+    order: int = option(2, "1: TET4, 2: TET10 with straight edges", minimum=1, maximum=2)
+    time_limit_s: float = option(240.0, "wall clock of one attempt of the mesher", unit="s", minimum=1.0)
+    memory_limit_gib: float = option(4.0, "memory of the mesher, where the system can limit it", unit="GiB", minimum=0.5)
+    seed: int = option(0, "of the places where the wall thickness is sampled", minimum=0)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Filled(Value):
+    """The mesh and how it came about: route, algorithm, edge_m, wall_m, min_dihedral_deg, attempts."""
+
+    tets: TetMesh
+    how: Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Attempt:
+    route: str
+    algorithm: str
+    edge_m: float
+    growth: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Found(Value):
+    nodes: FloatArray
+    tets: IntArray
+    boundary: IntArray
+    face_tag: IntArray
+    done: str
+    edge_m: float  # asked for; of the kept triangles (median) where the surface sets it
+
+    @property
+    def worst_deg(self) -> float:
+        return float(tet_dihedrals(self.nodes, self.tets).min())
+
+
+def fill(mesh: TriangleMesh, brep: Brep | None, options: FillOptions = FillOptions()) -> Filled:
+    """Tets inside `mesh` (closed, manifold, oriented, one component), whose CAD solid is `brep`.
+
+    Every attempt is proved: positive tets that conform and fill the volume of the surface to 1e-6. Attempts go on until the smallest dihedral angle
+    is good; the best is returned also where it stays below the limit of `verification`, which then refuses it. Raises MeshingError where no attempt
+    gives a mesh, with the reason of the first.
+    """
+    volume = enclosed_volume(mesh)
+    require(volume > 0, MeshingError, f"the surface encloses {volume:.6g} m3: it is inside out or flat; repair it first")
+    names = names_of(mesh, brep)
+    size = element_size(mesh, options.max_elements, options.max_nodes, options.seed)
+    edge = size.edge_m if options.edge_m is None else options.edge_m
+    best: _Found | None = None
+    tried: list[dict[str, Any]] = []
+    for attempt in _attempts(mesh, brep, edge, options):
+        if best is not None and best.worst_deg >= (GOOD_DEG if len(tried) < 2 else LIMIT_DEG):
+            break
+        try:
+            found = _run(attempt, mesh, brep, names, options)
+        except MeshingError as error:
+            tried.append({**vars(attempt), "error": str(error)})
+            continue
+        attempt = replace(attempt, edge_m=found.edge_m)
+        tried.append({**vars(attempt), "done": found.done, "n_tets": len(found.tets), "min_dihedral_deg": found.worst_deg})
+        if best is None or found.worst_deg > best.worst_deg:
+            best, chosen = found, attempt
+    if best is None:
+        raise MeshingError(str(tried[0]["error"]))
+    how = {**vars(chosen), "done": best.done, "min_dihedral_deg": best.worst_deg, "wall_m": size.wall_m, "attempts": tuple(tried)}
+    return Filled(tets=tet_mesh(best.nodes, best.tets, best.boundary, best.face_tag, names.names, options.order), how=how)
+
+
+def _attempts(mesh: TriangleMesh, brep: Brep | None, edge: float, options: FillOptions) -> Iterator[_Attempt]:
+    """Most promising first. A kept triangle with a small angle gives a tet with one: a surface of needles is no start where there are true faces."""
+    routes = [options.route]
+    if options.route == "auto":
+        few = brep is not None and len(brep.face_names) <= MANY_FACES
+        needles = bool(np.degrees(triangle_angles(mesh.vertices, mesh.faces)).min() < LIMIT_DEG)
+        routes = ["brep", "surface"] if few else ["surface"]
+        if few and needles:
+            routes = ["brep"]
+    require(brep is not None or "brep" not in routes, MeshingError, 'tetmeshing.route = "brep" needs a B-Rep, and there is none for this object')
+    for algorithms, finer in ((("auto",), 1.0), (("delaunay", "hxt"), 1.0), (("auto",), 0.7)):
+        for route in routes:
+            for algorithm in algorithms:
+                yield _Attempt(route=route, algorithm=algorithm, edge_m=edge * finer, growth=options.growth * finer)
+
+
+def _run(attempt: _Attempt, mesh: TriangleMesh, brep: Brep | None, names: Names, options: FillOptions) -> _Found:
+    limits = {"time_limit_s": options.time_limit_s, "memory_limit_gib": options.memory_limit_gib}
+    common = {"algorithm": attempt.algorithm, "good_deg": GOOD_DEG}
+    if attempt.route == "brep" and brep is not None:
+        fixed = options.edge_m is not None  # an edge that was asked for is kept, whatever it costs
+        budget = {"max_tets": np.inf if fixed else options.max_elements, "max_nodes": np.inf if fixed else options.max_nodes}
+        job = {**common, **budget, "kind": "brep", "size_mm": attempt.edge_m * MILLIMETRES_PER_METRE}
+        found = _from_brep(job, mesh, brep, names, limits)
+    else:
+        found = _from_surface({**common, "kind": "surface", "growth": attempt.growth}, mesh, names, limits)
+    proved(found.nodes, found.tets, found.boundary, enclosed_volume(mesh))
+    return found
+
+
+def _from_brep(job: dict[str, Any], mesh: TriangleMesh, brep: Brep, names: Names, limits: dict[str, float]) -> _Found:
+    centre = (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2
+    step = np.frombuffer(brep.step.encode("ascii"), np.uint8)
+    got = run_worker({**job, "step": step, "shift_mm": -centre * MILLIMETRES_PER_METRE}, **limits)
+    scale = 1 / MILLIMETRES_PER_METRE
+    prove_order(names, got["face_centre"] * scale + centre, got["face_area"] * scale**2, extent(mesh.vertices))
+    boundary = boundary_of(got["tets"])
+    tag = tagged(boundary, got["triangles"], names.tag_of_face[got["face"]])
+    return _Found(nodes=got["nodes"] * scale + centre, tets=got["tets"], boundary=boundary, face_tag=tag, done=str(got["done"]),
+                  edge_m=job["size_mm"] * float(got["coarser"]) * scale)  # fmt: skip
+
+
+def _from_surface(job: dict[str, Any], mesh: TriangleMesh, names: Names, limits: dict[str, float]) -> _Found:
+    """gmsh works on the surface moved to the origin and brought to a size of 1; the vertices come back as they are, to the last bit."""
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    centre = (vertices.min(0) + vertices.max(0)) / 2
+    scale = 2.0 ** np.ceil(np.log2(extent(vertices)))  # a power of two: no rounding on the way
+    got = run_worker({**job, "vertices": (vertices - centre) / scale, "faces": faces}, **limits)
+    kept = got["tags"] <= len(vertices)  # gmsh numbers the given nodes 1..n, its own after them
+    nodes = got["nodes"] * scale + centre
+    nodes[kept] = vertices[got["tags"][kept] - 1]
+    row = np.full(len(vertices), -1, np.int64)
+    row[got["tags"][kept] - 1] = np.flatnonzero(kept)
+    boundary = boundary_of(got["tets"])
+    lost = len(faces) - len(boundary)
+    says = f"the mesher did not keep the triangles of the surface ({len(faces)} given, {len(boundary)} kept)"
+    require(lost == 0 and (row[faces] >= 0).all(), MeshingError, says)
+    tag = tagged(boundary, row[faces], names.tag_of_triangle)
+    return _Found(nodes=nodes, tets=got["tets"], boundary=boundary, face_tag=tag, done=str(got["done"]), edge_m=_median_edge(mesh))
+
+
+def _median_edge(mesh: TriangleMesh) -> float:
+    corners = mesh.vertices[mesh.faces]
+    return float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))

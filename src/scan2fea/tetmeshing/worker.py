@@ -1,0 +1,205 @@
+"""The child process that runs gmsh: `python -P worker.py JOB.npz RESULT.npz`.
+
+gmsh may crash, hang or eat memory on a bad surface; in a process of its own it takes nothing else along. The file is run by its path, so that it
+loads gmsh and numpy and not the rest of the package. It talks through two npz files and exits with 0 also where gmsh refuses (`error` says why).
+
+Job: kind "brep" (step, shift_mm, size_mm, max_tets, max_nodes) or "surface" (vertices, faces, growth); algorithm "hxt", "delaunay" or "auto";
+good_deg: no optimisation above; memory_gib.
+Result, in the units of the job: nodes (n, 3), tets (m, 4), tags (n,) gmsh's numbers of the nodes, min_dihedral_deg, done (what ran, as text); brep
+also triangles (k, 3), face (k,) index of the STEP face of each, `coarser` than asked by, and face_centre, face_area of each STEP face, by which the
+caller proves the order.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scan2fea.kernel.quality import tet_dihedrals, triangle_angles
+from scan2fea.types import FloatArray, IntArray
+
+HXT, DELAUNAY = 10, 1  # Mesh.Algorithm3D
+# HXT took 50 s and more on surfaces with needles (an L-beam bisected down to 2 deg, a bracket with facetted holes), under a second on clean ones
+NEEDLE_DEG = 12.0
+SHORT_EDGE_FACTOR = 2.0  # elements beside a short edge may be twice as long: smallest triangle angle about 27 deg
+
+
+def main(job_path: str, result_path: str) -> None:
+    """Run the job and write the result; an error of gmsh is a result too."""
+    with np.load(job_path) as archive:
+        job = {name: archive[name] for name in archive.files}
+    _limit_memory(float(job["memory_gib"]))
+    threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
+    import gmsh
+
+    gmsh.initialize(interruptible=False)
+    try:
+        found = _run(gmsh, job)
+    except Exception as error:  # noqa: BLE001 - gmsh raises bare Exception; the reason goes to the parent
+        found = {"error": np.array(f"{error} {gmsh.logger.getLastError()}".strip())}
+    gmsh.finalize()
+    np.savez(result_path, **found)
+
+
+def _limit_memory(gib: float) -> None:
+    try:
+        import resource
+    except ImportError:  # not POSIX: the wall clock alone limits the child
+        return
+    limit = int(gib * 2**30)
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+
+
+def _end_with_parent(parent: int) -> None:
+    """A mesher whose caller was killed must not go on for minutes (ctypes gives the lock free while gmsh runs)."""
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os._exit(1)
+
+
+def _run(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:
+    options = {
+        "General.Terminal": 0, "General.NumThreads": 1, "Mesh.MaxNumThreads1D": 1, "Mesh.MaxNumThreads2D": 1, "Mesh.MaxNumThreads3D": 1,
+        "Mesh.RandomSeed": 1, "Mesh.MeshSizeFromPoints": 1, "Mesh.MeshSizeFromCurvature": 0, "Mesh.OptimizeNetgen": 0, "Mesh.ElementOrder": 1,
+    }  # fmt: skip
+    for name, value in options.items():
+        gmsh.option.setNumber(name, value)
+    gmsh.logger.start()
+    kind = str(job["kind"])
+    if kind == "brep":
+        extra = _load_brep(gmsh, job)
+        algorithm, extra["coarser"] = _mesh_within_budget(gmsh, job)
+    else:
+        extra = _load_surface(gmsh, job)
+        algorithm = _mesh_volume(gmsh, str(job["algorithm"]))
+    done = ["hxt" if algorithm == HXT else "delaunay"]
+    nodes, tets, tags = _tets(gmsh)
+    worst = _worst(nodes, tets)
+    for method in ("", "Netgen"):  # gmsh's own (swaps, smoothing) is quick, Netgen's thorough
+        if worst >= float(job["good_deg"]):
+            break
+        gmsh.model.mesh.optimize(method, niter=3 if method else 1)
+        better, kept, numbers = _tets(gmsh)
+        if _worst(better, kept) > worst:
+            nodes, tets, tags, worst = better, kept, numbers, _worst(better, kept)
+            done.append(method.lower() or "gmsh")
+    if kind == "brep":
+        extra |= _boundary(gmsh, tags)
+    return {"nodes": nodes, "tets": tets, "tags": tags, "min_dihedral_deg": worst, "done": np.array("+".join(done)), "error": np.array(""), **extra}
+
+
+def _mesh_within_budget(gmsh: Any, job: dict[str, Any]) -> tuple[int, float]:
+    """Mesh faces and volume; again and coarser while over the budget. Returns the algorithm and how much coarser than asked."""
+    coarser = 1.0
+    for last in (False, False, False, True):
+        _size_points(gmsh, float(job["size_mm"]) * coarser, SHORT_EDGE_FACTOR * coarser)
+        gmsh.model.mesh.generate(2)
+        algorithm = _mesh_volume(gmsh, str(job["algorithm"]))
+        nodes, tets, _ = _tets(gmsh)
+        n_boundary = sum(len(t) for t in gmsh.model.mesh.getElements(2)[1])
+        n_order_2 = 2 * len(nodes) + len(tets) + n_boundary // 2  # corners and edges; Euler on a ball: edges = nodes + tets + boundary / 2 - 1
+        excess = max(n_order_2 / float(job["max_nodes"]), len(tets) / float(job["max_tets"]))
+        if excess <= 1 or last:
+            break
+        coarser *= 1.03 * excess**0.5
+        gmsh.model.mesh.clear()
+    return algorithm, coarser
+
+
+def _mesh_volume(gmsh: Any, name: str) -> int:
+    algorithm = _algorithm(gmsh, name)
+    gmsh.option.setNumber("Mesh.Algorithm3D", algorithm)
+    gmsh.model.mesh.generate(3)
+    return algorithm
+
+
+def _algorithm(gmsh: Any, name: str) -> int:
+    if name != "auto":
+        return HXT if name == "hxt" else DELAUNAY
+    tags, xyz, _ = gmsh.model.mesh.getNodes()
+    row = np.zeros(int(tags.max()) + 1, np.int64)
+    row[tags.astype(np.int64)] = np.arange(len(tags))
+    triangles = row[gmsh.model.mesh.getElementsByType(2)[1].astype(np.int64).reshape(-1, 3)]
+    smallest = float(np.degrees(triangle_angles(xyz.reshape(-1, 3), triangles).min()))
+    return HXT if smallest >= NEEDLE_DEG else DELAUNAY
+
+
+def _load_brep(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:
+    """Read the STEP and move it to the origin."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "solid.step"
+        path.write_bytes(job["step"].tobytes())
+        entities = gmsh.model.occ.importShapes(str(path), highestDimOnly=False)
+    gmsh.model.occ.translate([e for e in entities if e[0] == 3], *(float(x) for x in job["shift_mm"]))
+    gmsh.model.occ.synchronize()
+    for name, value in {"Mesh.MeshSizeMin": 0.0, "Mesh.MeshSizeExtendFromBoundary": 1, "Mesh.Algorithm": 6}.items():
+        gmsh.option.setNumber(name, value)
+    faces = [tag for _, tag in gmsh.model.getEntities(2)]
+    centre = np.array([gmsh.model.occ.getCenterOfMass(2, tag) for tag in faces]).reshape(-1, 3)
+    area = np.array([gmsh.model.occ.getMass(2, tag) for tag in faces])
+    return {"face_centre": centre, "face_area": area}
+
+
+def _size_points(gmsh: Any, size: float, factor: float) -> None:
+    """Element size at each corner: `size`, or `factor` times the shortest edge there, so that a narrow strip is not filled with needles."""
+    gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+    shortest: dict[int, float] = {}
+    for _, curve in gmsh.model.getEntities(1):
+        length = gmsh.model.occ.getMass(1, curve)
+        for _, point in gmsh.model.getBoundary([(1, curve)], combined=False, oriented=False):
+            shortest[point] = min(shortest.get(point, size), factor * length)
+    for point, value in shortest.items():
+        gmsh.model.mesh.setSize([(0, point)], value)
+
+
+def _load_surface(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:
+    """The triangles as they are; element size grows from them inward by `growth` metres per metre of distance."""
+    vertices, faces = job["vertices"], job["faces"]
+    surface = gmsh.model.addDiscreteEntity(2)
+    gmsh.model.mesh.addNodes(2, surface, np.arange(1, len(vertices) + 1), vertices.ravel())
+    gmsh.model.mesh.addElementsByType(surface, 2, [], (faces + 1).ravel())
+    gmsh.model.geo.addVolume([gmsh.model.geo.addSurfaceLoop([surface])])
+    gmsh.model.geo.synchronize()
+    edges = np.linalg.norm(vertices[faces] - vertices[np.roll(faces, -1, axis=1)], axis=2)
+    reach = float(np.linalg.norm(np.ptp(vertices, axis=0))) / 2
+    field = gmsh.model.mesh.field.add("Extend")
+    gmsh.model.mesh.field.setNumbers(field, "SurfacesList", [surface])
+    for name, value in {"DistMax": reach, "SizeMax": float(np.median(edges)) + float(job["growth"]) * reach, "Power": 1.0}.items():
+        gmsh.model.mesh.field.setNumber(field, name, value)
+    gmsh.model.mesh.field.setAsBackgroundMesh(field)
+    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
+    return {}
+
+
+def _tets(gmsh: Any) -> tuple[FloatArray, IntArray, IntArray]:
+    """Nodes of the tets in ascending order of gmsh's numbers, tets by row, and those numbers."""
+    tags, xyz, _ = gmsh.model.mesh.getNodes()
+    tets = gmsh.model.mesh.getElementsByType(4)[1].astype(np.int64).reshape(-1, 4)
+    used, rows = np.unique(tets, return_inverse=True)
+    order = np.argsort(tags)
+    at = order[np.searchsorted(tags[order].astype(np.int64), used)]
+    return xyz.reshape(-1, 3)[at], rows.reshape(-1, 4).astype(np.int64), used
+
+
+def _worst(nodes: FloatArray, tets: IntArray) -> float:
+    return float(tet_dihedrals(nodes, tets).min()) if len(tets) else 0.0
+
+
+def _boundary(gmsh: Any, used: IntArray) -> dict[str, Any]:
+    triangles, face = [], []
+    for index, (_, tag) in enumerate(gmsh.model.getEntities(2)):
+        found = gmsh.model.mesh.getElementsByType(2, tag)[1].astype(np.int64).reshape(-1, 3)
+        triangles.append(np.searchsorted(used, found))
+        face.append(np.full(len(found), index, np.int64))
+    return {"triangles": np.concatenate(triangles), "face": np.concatenate(face)}
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:3])

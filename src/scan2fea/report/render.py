@@ -60,7 +60,7 @@ def render(camera: Camera, things: tuple[Shape | Dots, ...]) -> ByteArray:
             _dots(thing, camera, image, depth)
     has_dots = any(isinstance(thing, Dots) for thing in things)
     _shade(image, depth, soft=has_dots)
-    small = image.reshape(camera.height_px, s, camera.width_px, s, 3).mean(axis=(1, 3))
+    small = sum((image[i::s, j::s] for i in range(s) for j in range(s)), np.zeros((camera.height_px, camera.width_px, 3))) / s**2
     return np.asarray(np.rint(np.clip(small, 0, 255)), np.uint8)
 
 

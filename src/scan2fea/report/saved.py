@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-from scan2fea.errors import FormatError, Scan2FeaError
+from scan2fea.errors import Scan2FeaError
+from scan2fea.report.ours import read_cloud, read_solid, read_surface
 from scan2fea.report.solids import Solid
 from scan2fea.report.words import number_of
 from scan2fea.types import PointCloud, TriangleMesh
@@ -56,15 +57,3 @@ class Saved:
         except (Scan2FeaError, OSError) as error:
             self.troubles.append(f"{relative} could not be drawn: {error}")
             return None
-
-
-def read_cloud(path: Path) -> PointCloud:
-    raise FormatError(f"{path}: cannot be read yet")
-
-
-def read_surface(path: Path) -> TriangleMesh:
-    raise FormatError(f"{path}: cannot be read yet")
-
-
-def read_solid(path: Path) -> Solid:
-    raise FormatError(f"{path}: cannot be read yet")

@@ -45,13 +45,15 @@ def write_scan_ply(path: Path, scan: Scan) -> None:
 
 
 def write_mesh_ply(path: Path, mesh: TriangleMesh) -> None:
-    """Vertices (and deviation_m) and triangles (and origin: 0 measured, 1 interpolated, 2 invented), indices as they are."""
+    """Vertices (and deviation_m) and triangles (and origin: 0 measured, 1 interpolated, 2 invented; and region), indices as they are."""
     columns: dict[str, Array] = {name: mesh.vertices[:, k] for k, name in enumerate("xyz")}
     if mesh.deviation_m is not None:
         columns["deviation_m"] = mesh.deviation_m
     faces: dict[str, Array] = {"vertex_indices": mesh.faces.astype(np.int32)}
     if mesh.face_origin is not None:
         faces["origin"] = mesh.face_origin.astype(np.uint8)
+    if mesh.face_region is not None:
+        faces["region"] = mesh.face_region
     _write(path, [("vertex", columns, len(mesh.vertices)), ("face", faces, len(mesh.faces))])
 
 

@@ -137,7 +137,8 @@ class Scan(Value):
         used, packed = np.unique(self.cloud.ray, return_inverse=True)
         first = int(len(used) > 0 and used[0] < 0)
         columns: dict[str, Any] = {f.name: getattr(self.rays, f.name) for f in dataclasses.fields(self.rays)}
-        rays = Rays(**{name: None if column is None else column[used[first:]] for name, column in columns.items()})
+        taken: dict[str, Any] = {name: None if column is None else column[used[first:]] for name, column in columns.items()}
+        rays = Rays(**taken)
         return Scan(cloud=self.cloud.replaced(ray=packed.astype(np.int64) - first), rays=rays if len(rays) else None)
 
 

@@ -2,8 +2,7 @@ import numpy as np
 
 from scan2fea.pipeline.config import RunOptions
 from scan2fea.pipeline.record import Record, Tracked
-from scan2fea.types import Rays, Scan
-from scan2fea.types import PointCloud
+from scan2fea.types import PointCloud, Rays, Scan
 
 
 def double(cloud, options):

@@ -33,7 +33,9 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("--unit", help="unit of the input where its format states none [input.unit]")
     run.add_argument("--poses", metavar="FILE", help="where each input stood (bun.conf, TUM, KITTI, 4x4) [registration.poses]")
     run.add_argument("--labels", metavar="COLUMN", help="take the objects from this column (name or number) [input.labels]")
-    run.add_argument("--sensor-position", nargs=3, type=float, metavar=("X", "Y", "Z"), help="where the scanner stood, in the frame and unit of each file")
+    run.add_argument(
+        "--sensor-position", nargs=3, type=float, metavar=("X", "Y", "Z"), help="where the scanner stood, in the frame and unit of each file"
+    )
 
     demo = commands.add_parser("demo", help="a simulated lab scan through everything", allow_abbrev=False)
     demo.add_argument("-o", "--out", default="scan2fea-demo", metavar="OUT")

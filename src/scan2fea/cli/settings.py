@@ -9,7 +9,13 @@ from typing import Any
 from scan2fea.errors import UsageError, require
 from scan2fea.pipeline.config import Config, load_config
 
-SHORT_FORMS = {"unit": "input.unit", "poses": "registration.poses", "labels": "input.labels", "sensor_position": "input.sensor_position", "seed": "run.seed"}
+SHORT_FORMS = {
+    "unit": "input.unit",
+    "poses": "registration.poses",
+    "labels": "input.labels",
+    "sensor_position": "input.sensor_position",
+    "seed": "run.seed",
+}
 
 
 def config_of(given: argparse.Namespace, **defaults: Any) -> Config:

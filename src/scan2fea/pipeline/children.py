@@ -53,7 +53,9 @@ def _locked(lock: threading.Lock, say: Say, event: Mapping[str, Any]) -> None:
 def _run_child(folder: Path, limits: Limits, say: Say) -> str:
     command = [sys.executable, "-m", "scan2fea.pipeline.worker", str(folder)]
     with tempfile.TemporaryFile() as errors:
-        child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors, text=True, encoding="utf-8", env={**os.environ, **ONE_THREAD})
+        child = subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors, text=True, encoding="utf-8", env={**os.environ, **ONE_THREAD}
+        )
         stopped: list[str] = []
         watch = threading.Thread(target=_watch, args=(child, limits, stopped), daemon=True)
         watch.start()

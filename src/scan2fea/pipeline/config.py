@@ -14,7 +14,7 @@ import typing
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from scan2fea.cad import CadOptions
 from scan2fea.errors import InputError, UsageError, require
@@ -87,7 +87,13 @@ def load_config(path: Path | None = None, settings: Mapping[str, Any] | None = N
     config = Config()
     for key, value in values.items():
         config = _with(config, key.split("."), value, key)
-    return config
+    return _seeded(config, values)
+
+
+def _seeded(config: Config, given: Mapping[str, Any]) -> Config:
+    """run.seed is the seed of every stage that was not given one of its own."""
+    stages = [key for key in known_keys() if key.endswith(".seed") and key != "run.seed" and key not in given]
+    return with_settings(config, dict.fromkeys(stages, config.run.seed))
 
 
 def with_settings(config: Config, settings: Mapping[str, Any]) -> Config:
@@ -234,7 +240,7 @@ def _toml_text(value: Any) -> str:
 
 def as_tree(options: Any) -> dict[str, Any]:
     """Options as plain values for report.json, hashes and child processes."""
-    return cast("dict[str, Any]", dataclasses.asdict(options))
+    return dataclasses.asdict(options)
 
 
 def from_tree(tree: Mapping[str, Any]) -> Config:

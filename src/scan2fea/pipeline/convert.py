@@ -58,7 +58,9 @@ def _chain(made: Made, source: Tracked[Part], config: Config, record: Record) ->
     _moved(made, "repair", repaired.value.mesh)
     scale = {"spacing_m": made.spacing_m, "sigma_m": made.sigma_m}
     source_mesh = Tracked(repaired.value.mesh, repaired.key)
-    remeshed = record("remesh", remesh, source_mesh, options=config.remeshing, extra=scale, n_in=len(source_mesh.value.faces), count=lambda r: len(r.mesh.faces))
+    remeshed = record(
+        "remesh", remesh, source_mesh, options=config.remeshing, extra=scale, n_in=len(source_mesh.value.faces), count=lambda r: len(r.mesh.faces)
+    )
     _moved(made, "remesh", remeshed.value.mesh)
     surface = Tracked(remeshed.value.mesh, remeshed.key)
 
@@ -101,9 +103,7 @@ def _moved(made: Made, step: str, mesh: TriangleMesh) -> None:
     if not len(mesh.faces):
         return
     distance = PointToMesh(mesh).nearest(made.part.scan.cloud.points).distance
-    made.drift.append(
-        {"step": step, "volume_m3": volume(mesh), "thickness_m": median_thickness(mesh), "p95_m": float(np.percentile(distance, 95))}
-    )
+    made.drift.append({"step": step, "volume_m3": volume(mesh), "thickness_m": median_thickness(mesh), "p95_m": float(np.percentile(distance, 95))})
 
 
 def _verify_geometry(made: Made) -> None:

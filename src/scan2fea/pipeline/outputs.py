@@ -30,7 +30,12 @@ def write_object(made: Made, folder: Path, config: Config) -> list[str]:
         write_mesh_ply(folder / "surface.ply", made.surface)
         write_stl(folder / "surface.stl", made.surface, units.length)
     if made.tets is not None:
-        write_vtu(folder / "volume.vtu", made.tets, _point_data(made), {"min_dihedral_deg": tet_quality(made.tets.nodes, made.tets.tets)["min_dihedral_deg"]})
+        write_vtu(
+            folder / "volume.vtu",
+            made.tets,
+            _point_data(made),
+            {"min_dihedral_deg": tet_quality(made.tets.nodes, made.tets.tets)["min_dihedral_deg"]},
+        )
         write_msh(folder / "volume.msh", made.tets)
     if made.brep is not None:
         write_text(folder / "model.step", made.brep.step)

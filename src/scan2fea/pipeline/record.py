@@ -85,7 +85,14 @@ class Record:
 
     def add(self, name: str, seconds: float, peak_mb: float, n_in: int, n_out: int, options: Mapping[str, Any], *, kept: bool = False) -> None:
         """Enter a finished stage."""
-        row = {"name": name, "object": self.label or None, "seconds": round(seconds, 3), "peak_mb": round(peak_mb, 1), "n_in": int(n_in), "n_out": int(n_out)}
+        row = {
+            "name": name,
+            "object": self.label or None,
+            "seconds": round(seconds, 3),
+            "peak_mb": round(peak_mb, 1),
+            "n_in": int(n_in),
+            "n_out": int(n_out),
+        }
         self.stages.append({**row, "options": dict(options)})
         self.event("end", **row, kept=kept)
 

@@ -12,7 +12,9 @@ from typing import Any
 import numpy as np
 
 from scan2fea import __version__
+from scan2fea.errors import InputError
 from scan2fea.io import RawScan
+from scan2fea.io.files import sha256_of
 from scan2fea.kernel.coverage import area_shares
 from scan2fea.kernel.measures import area, tet_volumes, volume
 from scan2fea.kernel.predicates import self_intersections
@@ -38,7 +40,16 @@ def number(x: Any) -> Any:
 def input_row(path: Path, raw: RawScan | None, reason: str | None) -> dict[str, Any]:
     """One entry of inputs[]; `reason` says why the file was left out."""
     if raw is None:
-        return {"path": str(path), "sha256": "", "n_points": 0, "used": False, "reason": reason, "unit": None, "unit_source": None, "sensor": None}
+        return {
+            "path": str(path),
+            "sha256": _sha256(path),
+            "n_points": 0,
+            "used": False,
+            "reason": reason,
+            "unit": None,
+            "unit_source": None,
+            "sensor": None,
+        }
     return {
         "path": str(path),
         "sha256": raw.sha256,
@@ -49,6 +60,13 @@ def input_row(path: Path, raw: RawScan | None, reason: str | None) -> dict[str, 
         "unit_source": raw.unit_source,
         "sensor": raw.sensor,
     }
+
+
+def _sha256(path: Path) -> str:
+    try:
+        return sha256_of(path)
+    except InputError:
+        return ""  # there is no such file, or it is a folder
 
 
 def surface_row(mesh: TriangleMesh) -> dict[str, Any]:

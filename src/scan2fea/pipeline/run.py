@@ -1,6 +1,6 @@
 """The chain, in the order of docs/design.md: the only place that knows it.
 
-    read -> place -> clean -> segment -> (labels.csv) -> select -> each object in a process of its own (convert.py) -> report.json
+read -> place -> clean -> segment -> (labels.csv) -> select -> each object in a process of its own (convert.py) -> report.json
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from scan2fea.errors import InputError, UsageError, require
-from scan2fea.io.files import sha256_of, write_bytes
 from scan2fea.io import InputOptions, RawScan, read_scan, write_cloud_ply, write_trajectory
+from scan2fea.io.files import sha256_of, write_bytes
 from scan2fea.pipeline.config import Config, to_toml
 from scan2fea.pipeline.labels import edited, labels_text, read_rows
 from scan2fea.pipeline.objects import convert_all, parts_of

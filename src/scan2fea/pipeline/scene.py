@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -54,9 +55,7 @@ def place_all(raws: tuple[RawScan, ...], options: RegistrationOptions, *, names:
             meshes.append(MeshInput(frame=frame, mesh=replace(raw.mesh, vertices=own - shift)))
     notes = tuple(f"{name}: {note}" for name, raw in zip(names, raws, strict=True) for note in raw.notes) + placed.notes
     scan = shifted(placed.scan, shift)
-    return Scene(
-        scan=scan, meshes=tuple(meshes), trajectory=placed.trajectory, shift_m=shift, spacing_m=spacing(scan.cloud.points), notes=notes
-    )
+    return Scene(scan=scan, meshes=tuple(meshes), trajectory=placed.trajectory, shift_m=shift, spacing_m=spacing(scan.cloud.points), notes=notes)
 
 
 def shift_of(points: FloatArray) -> FloatArray:
@@ -105,7 +104,7 @@ def segment(scene: Scene, options: SegmentationOptions) -> Segments:
 
 def _joined(a: PointCloud, b: PointCloud) -> PointCloud:
     """Both clouds, a first. A column that only one of them has is dropped."""
-    both = {}
+    both: dict[str, Any] = {}
     for name in ("points", "ray", "frame", "raw_index", "normals", "sigma_along_m", "sigma_across_m", "is_inferred", "colour", "intensity", "label"):
         x, y = getattr(a, name), getattr(b, name)
         both[name] = None if x is None or y is None else np.concatenate([x, y])

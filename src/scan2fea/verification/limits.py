@@ -41,7 +41,9 @@ def holds(name: str, passed: bool, value: float | str, limit: float | str | None
     """A check whose condition is not a comparison of two numbers."""
     row = limits()[name]
     shown = row.get("limit") if limit is None else limit
-    return Check(name=name, value=value, limit=shown, unit=row["unit"], passed=passed, says=row["says"].format(value=_short(value), limit=_short(shown)))
+    return Check(
+        name=name, value=value, limit=shown, unit=row["unit"], passed=passed, says=row["says"].format(value=_short(value), limit=_short(shown))
+    )
 
 
 def _check(name: str, value: float, limit: float | None, test: Any) -> Check:

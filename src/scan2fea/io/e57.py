@@ -16,6 +16,7 @@ import numpy as np
 from scan2fea.errors import EmptyScanError, FormatError, require
 from scan2fea.io.misses import grid_directions
 from scan2fea.io.source import ROWS_PER_PIECE, Column, Piece, Source
+from scan2fea.kernel.transforms import quaternion_to_matrix
 from scan2fea.types import FloatArray
 
 _PAGE, _PAYLOAD = 1024, 1020  # bytes of a page with and without its checksum
@@ -114,14 +115,7 @@ def _rotation(path: Path, q: FloatArray) -> FloatArray:
     """Rotation matrix of a quaternion w x y z, made unit."""
     length = float(np.sqrt((q**2).sum()))
     require(np.isfinite(length) and length > 0, FormatError, f"{path}: the rotation {q.tolist()} of a scan is no quaternion: export it again")
-    w, x, y, z = q / length
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return quaternion_to_matrix(q[[1, 2, 3, 0]])
 
 
 def _pieces(path: Path, scan: _Scan, extra: tuple[str, ...]) -> Iterator[Piece]:

@@ -44,7 +44,8 @@ def grid_directions(local: FloatArray, is_hit: BoolArray, row: IntArray, column:
 def _means(values: FloatArray, line: IntArray, n: int) -> FloatArray:
     """Mean of the values of each line, nan where a line has none."""
     count = np.bincount(line, minlength=n)
-    return np.divide(np.bincount(line, values, n), count, out=np.full(n, np.nan), where=count > 0)
+    mean: FloatArray = np.divide(np.bincount(line, values, n), count, out=np.full(n, np.nan), where=count > 0)
+    return mean
 
 
 def _filled(angles: FloatArray) -> FloatArray | None:

@@ -27,6 +27,7 @@ _TYPES = {
 }  # fmt: skip
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _LIST_NAMES = ("vertex_indices", "vertex_index")
+MISS_COLUMNS = ("sensor_x", "sensor_y", "sensor_z", "direction_x", "direction_y", "direction_z")
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,8 @@ def open_ply(path: Path, size: int) -> Source:
     body = _Body(header, data)
 
     def pieces(wanted: frozenset[str]) -> Iterator[Piece]:
-        return body.vertices(place, wanted)
+        yield from body.vertices(place, wanted)
+        yield from body.misses(wanted & frozenset(names))
 
     face = header.number_of("face")
     has_faces = face is not None and header.elements[face].rows > 0 and _face_list(header.elements[face]) is not None
@@ -155,6 +157,23 @@ class _Body:
             yield from self._binary(vertex, place, wanted)
         else:
             yield from self._text(vertex, place, wanted)
+
+    def misses(self, wanted: frozenset[str]) -> Iterator[Piece]:
+        """The rays without return of the element `miss` that `write_scan_ply` adds."""
+        place = self.header.number_of("miss")
+        miss = self.header.elements[place] if place is not None else None
+        if place is None or miss is None or miss.has_lists or not set(MISS_COLUMNS) <= {p.name for p in miss.properties}:
+            return
+        for piece in (self._binary if self.header.order else self._text)(miss, place, frozenset(MISS_COLUMNS)):
+            values = np.stack([np.asarray(piece.columns[name], float) for name in MISS_COLUMNS], axis=1)
+            nothing = np.full(len(values), np.nan)
+            yield Piece(
+                points=np.full((len(values), 3), np.nan),
+                columns={name: nothing for name in wanted},
+                sensor=values[:, :3],
+                is_miss=np.ones(len(values), bool),
+                direction=values[:, 3:],
+            )
 
     def faces(self, place: int) -> IntArray:
         """Triangles of the element `face`; polygons are cut from their first corner."""
@@ -290,7 +309,7 @@ class _Body:
 
 def _piece(vertex: _Element, read: dict[str, Column], wanted: frozenset[str]) -> Piece:
     xyz = columns.find_all(tuple(p.name for p in vertex.properties), "x", "y", "z") or ()
-    points = np.empty((len(read[xyz[0]]), 3))
+    points = np.empty((len(next(iter(read.values()))), 3))
     for k, name in enumerate(xyz):
         points[:, k] = read[name]
     native = {name: column.astype(column.dtype.newbyteorder("=")) for name, column in read.items() if name in wanted}

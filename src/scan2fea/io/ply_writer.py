@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from scan2fea.errors import InternalError, require
 from scan2fea.io.files import replacing
+from scan2fea.io.ply import MISS_COLUMNS
 from scan2fea.types import PointCloud, Scan, TriangleMesh
 
 Array = npt.NDArray[Any]
 _ROWS = 1 << 20  # rows laid out in memory at a time
 _NAMES = {"f4": "float", "f8": "double", "i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort", "i4": "int", "u4": "uint"}
-MISS_COLUMNS = ("sensor_x", "sensor_y", "sensor_z", "direction_x", "direction_y", "direction_z")
 
 
 def write_cloud_ply(path: Path, cloud: PointCloud, columns: Mapping[str, Array] = {}) -> None:

@@ -107,13 +107,15 @@ def _facet(corners: list[list[float]], normal: list[float]) -> str:
 
 def _cross(vertices: FloatArray, faces: IntArray) -> FloatArray:
     a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return np.cross(b - a, c - a)
+    normal: FloatArray = np.cross(b - a, c - a)
+    return normal
 
 
 def _unit_normals(vertices: FloatArray, faces: IntArray) -> FloatArray:
     cross = _cross(vertices, faces)
     length = np.sqrt((cross**2).sum(axis=1, keepdims=True))
-    return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
+    unit: FloatArray = np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
+    return unit
 
 
 def _is_kept(vertices: FloatArray, rounded: npt.NDArray[np.float32], faces: IntArray) -> bool:

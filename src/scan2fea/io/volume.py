@@ -23,7 +23,7 @@ _MIDS = np.array([[6, 5, 4], [4, 8, 7], [5, 9, 8], [7, 9, 6]])
 class Blocks(Value):
     """What a volume file holds.
 
-    cells : (kind, (m, k) node rows, (m,) tag) with kind "tet", "tet10", "triangle", "triangle6", "line", "line3" or "point"; nodes of tets in VTK order.
+    cells : (kind, (m, k) node rows, (m,) tag) with kind "tet", "tet10", "triangle", "triangle6", "line", "line3" or "point"; tets in VTK order.
     names : tag of triangles -> its name.
     """
 
@@ -43,14 +43,11 @@ def mesh_of(blocks: Blocks, scale: float) -> TriangleMesh | TetMesh:
     for kind, cells, _ in blocks.cells:
         sound = cells.size == 0 or (int(cells.min()) >= 0 and int(cells.max()) < len(nodes))
         require(sound, FormatError, f"{path}: a cell ({kind}) refers to a node that is not there: it is cut off or damaged")
-    tets = {
-        kind: np.concatenate([c for k, c, _ in blocks.cells if k == kind]) for kind in ("tet", "tet10") if any(k == kind for k, _, _ in blocks.cells)
-    }
-    tets = {kind: cells for kind, cells in tets.items() if len(cells)}
-    require(len(tets) <= 1, FormatError, f"{path} mixes tetrahedra of 4 and of 10 nodes: export one order")
+    tets = [(kind, cells) for kind, cells, _ in blocks.cells if kind in ("tet", "tet10") and len(cells)]
+    require(len({kind for kind, _ in tets}) <= 1, FormatError, f"{path} mixes tetrahedra of 4 and of 10 nodes: export one order")
     triangles = [(cells[:, :3], tags) for kind, cells, tags in blocks.cells if kind in ("triangle", "triangle6") and len(cells)]
     if tets:
-        return _tet_mesh(nodes * scale, next(iter(tets.values())).astype(np.int64), triangles, blocks.names)
+        return _tet_mesh(nodes * scale, np.concatenate([cells for _, cells in tets]).astype(np.int64), triangles, blocks.names)
     if not triangles:
         raise EmptyScanError(f"{path} holds no triangles and no tetrahedra: export it again")
     faces = np.concatenate([cells for cells, _ in triangles]).astype(np.int64)

@@ -87,9 +87,7 @@ def _blocks(path: Path, connectivity: Array, offsets: Array, types: Array) -> tu
         own = np.flatnonzero(types == kind)
         require(kind in _CELLS, FormatError, f"{path} holds {len(own)} cells of VTK type {kind}: triangles and tetrahedra are read")
         name, width = _CELLS[kind]
-        sound = (
-            bool((offsets[own] - starts[own] == width).all()) and bool((starts[own] >= 0).all()) and bool((offsets[own] <= len(connectivity)).all())
-        )
+        sound = bool(((offsets[own] - starts[own] == width) & (starts[own] >= 0) & (offsets[own] <= len(connectivity))).all())
         require(sound, FormatError, f"{path}: a cell of VTK type {kind} has not {width} nodes: it is damaged")
         blocks.append((name, connectivity[starts[own][:, None] + np.arange(width)], np.zeros(len(own), np.int64)))
     return tuple(blocks)
@@ -111,10 +109,9 @@ class _File:
         require(self.root.get("type") == "UnstructuredGrid", FormatError, f"{path} holds {self.root.get('type')}: UnstructuredGrid is read")
         self.order = ">" if self.root.get("byte_order") == "BigEndian" else "<"
         self.header = np.dtype(self.order + _TYPES[self.root.get("header_type") or "UInt32"])
-        self.is_compressed = self.root.get("compressor") is not None
-        require(
-            self.root.get("compressor") in (None, "vtkZLibDataCompressor"), FormatError, f"{path}: only zlib compression is read: export it again"
-        )
+        compressor = self.root.get("compressor")
+        self.is_compressed = compressor is not None
+        require(compressor in (None, "vtkZLibDataCompressor"), FormatError, f"{path} is packed by {compressor}: export it with zlib or without")
 
     def only(self, where: str, parent: Any = None) -> Any:
         found = (self.root if parent is None else parent).findall(where)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -63,14 +64,19 @@ def test_nothing_measured_has_no_deviation_and_zero_deviation_has_a_picture():
     assert near(pixels(flat), [255, 255, 255], 60) > 1000
 
 
-def test_regions():
+def test_cad_faces_largest_first():
     skin = boundary_of(angle_solid())
     camera = look_at(skin.vertices, width_px=200, height_px=128)
-    figure = regions_figure(skin, camera, {"faces": [{"name": "web<"}]})
-    assert "web&lt;" in figure.legend and "plane 6" in figure.legend and "6 recognised faces." in figure.caption
-    assert regions_figure(skin, camera, {}).legend.count("<li>") == 6
+    figure = regions_figure(skin, camera, {"face_names": [f"web<{k}" for k in range(6)]})
+    assert "web&lt;" in figure.legend and "6 faces" in figure.caption and figure.legend.count("<li>") == 6
+    shares = [float(share) for share in re.findall(r"\(([0-9.]+) %\)", figure.legend)]
+    assert shares == sorted(shares, reverse=True) and sum(shares) == pytest.approx(100, abs=0.2)
+    assert "face 1" in regions_figure(skin, camera, {}).legend
     assert regions_figure(replace(skin, face_region=None), camera, {}) is None
     assert regions_figure(replace(skin, face_region=np.full(len(skin.faces), -1)), camera, {}) is None
+    assert regions_figure(replace(skin, face_region=np.arange(len(skin.faces))), camera, {}) is None  # facets only: nothing to tell apart
+    half = replace(skin, face_region=np.where(skin.face_region == 0, np.arange(len(skin.faces)) + 10, skin.face_region))
+    assert "small faces and facets" in regions_figure(half, camera, {}).legend
 
 
 def test_points_keep_the_colours_of_the_scan_and_show_what_was_inferred():

@@ -44,7 +44,7 @@ def test_surface(tmp_path):
     path = tmp_path / "surface.ply"
     write_mesh_ply(path, SKIN)
     back = read_surface(path)
-    for name in ("vertices", "faces", "face_origin", "deviation_m"):
+    for name in ("vertices", "faces", "face_origin", "face_region", "deviation_m"):
         assert np.array_equal(getattr(back, name), getattr(SKIN, name)), name
 
 

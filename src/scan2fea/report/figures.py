@@ -23,8 +23,10 @@ from scan2fea.units import MILLIMETRES_PER_METRE
 Pins = Mapping[int, tuple[float, float]]
 
 DRAWN_POINTS = 150_000  # more cannot be told apart in a picture of this size
+SMALL_FACE = 0.005  # share of the area below which a CAD face gets no colour of its own
+LISTED_FACES = 12
 DATA_CONTRAST = 0.4  # of light and shade where colours mean figures
-DISC_SPACINGS = 0.62  # radius of a point in spacings: neighbours just touch, a surface looks closed
+DISC_SPACINGS = 0.75  # radius of a point in spacings: neighbours just touch, a surface looks closed
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -98,6 +100,13 @@ def origin_figure(surface: TriangleMesh, camera: Camera) -> Figure | None:
     return drawn("What was seen", f"The surface: {', '.join(told)} of its area.", "Shares of the area.", camera, render(camera, (shape,)), legend)
 
 
+def plain_figure(surface: TriangleMesh, camera: Camera) -> Figure:
+    """The surface as it is, where nothing is known of its faces: what there was when the object failed."""
+    shape = Shape(vertices=surface.vertices, faces=surface.faces)
+    caption = f"The surface when the conversion stopped: {len(surface.faces):,} triangles."
+    return drawn("Surface so far", f"The surface of {len(surface.faces):,} triangles.", caption, camera, render(camera, (shape,)))
+
+
 def deviation_figure(surface: TriangleMesh, camera: Camera, sigma_m: float | None) -> Figure | None:
     """Signed distance of the points from the surface, as a map and as a histogram in the same colours."""
     if surface.deviation_m is None or not np.isfinite(surface.deviation_m).any():
@@ -128,18 +137,28 @@ def deviation_figure(surface: TriangleMesh, camera: Camera, sigma_m: float | Non
 
 
 def regions_figure(surface: TriangleMesh, camera: Camera, cad: Mapping[str, Any]) -> Figure | None:
-    """The faces of the CAD solid in distinct colours."""
+    """The faces of the CAD solid in distinct colours, the largest first; single facets of a free form stay grey."""
     if surface.face_region is None or not (surface.face_region >= 0).any():
         return None
-    region = surface.face_region
-    free = float((region < 0).mean())
-    shape = Shape(vertices=surface.vertices, faces=surface.faces, colours=categories(region), smooth=False)
-    names = [entry.get("name") for entry in cad.get("faces") or [] if isinstance(entry, dict)]
-    n = int(region.max()) + 1
-    items = [(css(categories(np.array([k]))[0]), str(names[k]) if k < len(names) else f"plane {k + 1}", False) for k in range(min(n, 12))]
-    items += [(css(BACKDROP), "single facets", False)] if free > 0 else []
-    caption = f"{n} recognised faces" + (f", the first 12 in the legend; {percent(free)} of the triangles stay single facets." if free else ".")
-    alt = f"The surface with its {n} recognised faces in distinct colours."
+    region = np.maximum(surface.face_region, -1) + 1  # 0: on no face
+    area = np.bincount(region, weights=np.linalg.norm(face_vectors(surface.vertices, surface.faces), axis=1))
+    share = area / max(float(area.sum()), 1e-300)
+    share[0] = 0.0
+    large = np.flatnonzero((share >= SMALL_FACE) & (np.bincount(region) > 1))
+    large = large[np.argsort(-share[large], kind="stable")]
+    if not len(large):
+        return None
+    rank = np.full(len(share), -1)
+    rank[large] = np.arange(len(large))
+    names = cad.get("face_names") or []
+    told = [f"{names[k - 1] if k <= len(names) else f'face {k}'} ({percent(float(share[k]))})" for k in large[:LISTED_FACES].tolist()]
+    items = [(css(categories(np.array([k]))[0]), text, False) for k, text in enumerate(told)]
+    rest = 1 - float(share[large].sum())
+    items += [(css(BACKDROP), f"small faces and facets ({percent(rest)})", False)] if rest > 1e-9 else []
+    shape = Shape(vertices=surface.vertices, faces=surface.faces, colours=categories(rank[region]), smooth=rest > SMALL_FACE, contrast=0.7)
+    caption = f"{len(large)} faces with more than {percent(SMALL_FACE)} of the area each"
+    caption += f", the {LISTED_FACES} largest named." if len(large) > LISTED_FACES else "."
+    alt = f"The surface with its {len(large)} largest CAD faces in distinct colours."
     return drawn("CAD faces", alt, caption, camera, render(camera, (shape,)), swatches(items))
 
 

@@ -16,7 +16,7 @@ from scan2fea.report.markup import NOTHING, Html, figure_cell, joined, link, tab
 from scan2fea.report.parts import TABLE_FILES, anchor, badge, downloads, facts, picture
 from scan2fea.report.saved import Saved
 from scan2fea.report.schema import read_report
-from scan2fea.report.sections import object_section, size_of
+from scan2fea.report.sections import object_section
 from scan2fea.report.words import (
     check_name,
     count,
@@ -64,7 +64,11 @@ def render_page(saved: Saved) -> str:
     report, objects = saved.report, saved.report.get("objects") or []
     clouds = [saved.cloud(item) for item in objects]
     width_px = round(PICTURE_PX * min(1.0, math.sqrt(FULL_SIZE_OBJECTS / max(len(objects), 1))))
-    sections = [object_section(saved, item, place, clouds[place], max(width_px, 240)) for place, item in enumerate(objects)]
+    sections, sizes = [], []
+    for place, item in enumerate(objects):  # one after the other: the geometry of all at once may not fit into memory
+        made = saved.geometry(item, clouds[place])
+        sections.append(object_section(item, place, made, saved.files(item), max(width_px, 240)))
+        sizes.append(made.size_m)
     title = "scan2fea: " + headline(report)
     style = resources.files("scan2fea.report").joinpath("style.css").read_text(encoding="utf-8")
     head = tag(
@@ -75,13 +79,12 @@ def render_page(saved: Saved) -> str:
         tag("title", title),
         tag("style", Html(style)),
     )
-    body = tag("body", tag("main", _top(saved, clouds), _overview(saved, clouds), *sections, _method(saved), _glossary()))
+    body = tag("body", tag("main", _top(report), _overview(saved, clouds, sizes), *sections, _method(saved), _glossary()))
     return f"<!DOCTYPE html>\n{tag('html', head, body, lang='en')}\n"
 
 
-def _top(saved: Saved, clouds: Sequence[PointCloud | None]) -> Html:
+def _top(report: Mapping[str, Any]) -> Html:
     """The sentence, what came in, and how to repeat it."""
-    report = saved.report
     command = [str(word) for word in report.get("command") or []]
     told = facts([("Version", report.get("version", "\u2013")), ("Seed", report.get("seed", "\u2013")), *_scene_facts(report)])
     return tag(
@@ -110,11 +113,12 @@ def _inputs(inputs: Sequence[Mapping[str, Any]]) -> Html:
         unit = f"{row['unit']} ({UNIT_SOURCES.get(str(row.get('unit_source')), 'source not recorded')})" if row.get("unit") else "\u2013"
         used = "yes" if row.get("used") else f"no: {row.get('reason') or 'no reason given'}"
         cells = (figure_cell(count(row.get("n_points")), "points"), unit, row.get("sensor") or "\u2013", row.get("date") or "not stated", used)
-        rows.append([tag("span", row.get("path"), class_="path"), *cells])
+        folder, _, name = str(row.get("path")).replace("\\", "/").rpartition("/")
+        rows.append([tag("span", tag("b", name, class_="path"), tag("span", f" in {folder}", class_="folder") if folder else NOTHING), *cells])
     return table(("input", "points", "unit", "sensor position", "date of the data", "used"), rows, class_="inputs") if rows else NOTHING
 
 
-def _overview(saved: Saved, clouds: Sequence[PointCloud | None]) -> Html:
+def _overview(saved: Saved, clouds: Sequence[PointCloud | None], sizes: Sequence[Sequence[float] | None]) -> Html:
     """The scene with numbers that lead to the objects, and the table of all objects: failed ones are not hidden."""
     objects = saved.report.get("objects") or []
     scene = scene_figure(saved.scene(), clouds)
@@ -123,7 +127,7 @@ def _overview(saved: Saved, clouds: Sequence[PointCloud | None]) -> Html:
         figure, pins = scene
         overlay = [_pin(objects[k], k, *where) for k, where in pins.items()]
         parts.append(picture(figure, overlay, class_="picture scene"))
-    parts.append(_objects(saved, clouds) if objects else tag("p", "There is no object to show."))
+    parts.append(_objects(saved, sizes) if objects else tag("p", "There is no object to show."))
     return tag("section", *parts, class_="overview")
 
 
@@ -132,7 +136,7 @@ def _pin(item: Mapping[str, Any], place: int, left: float, top: float) -> Html:
     return tag("a", number_of(item), href=f"#{anchor(place)}", class_=f"pin {verdict}", style=f"left:{100 * left:.2f}%;top:{100 * top:.2f}%")
 
 
-def _objects(saved: Saved, clouds: Sequence[PointCloud | None]) -> Html:
+def _objects(saved: Saved, sizes: Sequence[Sequence[float] | None]) -> Html:
     head = ("no.", "kind", "verdict", "reason", "size, mm", "points", "measured", "worst check", "mass, kg", "first mode, Hz", "files")
     rows = []
     for place, item in enumerate(saved.report.get("objects") or []):
@@ -144,7 +148,7 @@ def _objects(saved: Saved, clouds: Sequence[PointCloud | None]) -> Html:
                 item.get("kind") or "object",
                 badge(item.get("verdict")),
                 item.get("reason") or "no reason given",
-                figure_cell(dimensions(size_of(item, clouds[place])).removesuffix(" mm"), "size, mm"),
+                figure_cell(dimensions(sizes[place]).removesuffix(" mm"), "size, mm"),
                 figure_cell(count(item.get("n_points")), "points"),
                 figure_cell(percent(measured_share(item)), "measured"),
                 told,
@@ -159,7 +163,7 @@ def _objects(saved: Saved, clouds: Sequence[PointCloud | None]) -> Html:
 def _method(saved: Saved) -> Html:
     """Stages with counts, seconds and memory; options that were changed; what was assumed."""
     report = saved.report
-    names = {row.get("id"): number_of(row) for row in report.get("objects") or []}
+    names = {str(row.get("id")): number_of(row) for row in report.get("objects") or []}
     parts: list[Html] = [tag("h2", "How it was done"), _stages(report.get("stages") or [], names)]
     changed = report.get("options_changed") or {}
     if changed:
@@ -178,7 +182,7 @@ def _method(saved: Saved) -> Html:
     return tag("section", *parts, class_="method")
 
 
-def _stages(stages: Sequence[Mapping[str, Any]], names: Mapping[Any, str]) -> Html:
+def _stages(stages: Sequence[Mapping[str, Any]], names: Mapping[str, str]) -> Html:
     """Every stage; where there are very many, those of the objects summed by name."""
     if len(stages) > STAGE_ROWS:
         stages = _summed(stages)
@@ -193,7 +197,7 @@ def _stages(stages: Sequence[Mapping[str, Any]], names: Mapping[Any, str]) -> Ht
             ("memory, MB", number(row.get("peak_mb"), 3)),
         ]
         rows.append(
-            [f"{row.get('name')}{kept}", "" if of is None else names.get(of, str(of)), *(figure_cell(value, label) for label, value in cells)]
+            [f"{row.get('name')}{kept}", "" if of is None else names.get(str(of), str(of)), *(figure_cell(value, label) for label, value in cells)]
         )
     return table(("stage", "object", "in", "out", "seconds", "memory, MB"), rows, class_="stages") if rows else tag("p", "No stage was recorded.")
 

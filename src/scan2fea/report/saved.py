@@ -7,13 +7,25 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
+
 from scan2fea.errors import Scan2FeaError
 from scan2fea.report.ours import read_cloud, read_solid, read_surface
 from scan2fea.report.solids import Solid
 from scan2fea.report.words import number_of
-from scan2fea.types import PointCloud, TriangleMesh
+from scan2fea.types import PointCloud, TriangleMesh, Value
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Geometry(Value):
+    """What there is of one object. size_m : extent along its own axes, longest first, or None where there are no points."""
+
+    cloud: PointCloud | None
+    surface: TriangleMesh | None
+    solid: Solid | None
+    size_m: tuple[float, ...] | None
 
 
 @dataclass(kw_only=True)
@@ -49,6 +61,11 @@ class Saved:
     def solid(self, item: Mapping[str, Any]) -> Solid | None:
         return self._read(f"{self.folder(item)}/volume.vtu", read_solid)
 
+    def geometry(self, item: Mapping[str, Any], cloud: PointCloud | None) -> Geometry:
+        """All of one object; its cloud is given since the overview needs it too."""
+        surface = self.surface(item)
+        return Geometry(cloud=cloud, surface=surface, solid=self.solid(item), size_m=_size(item, cloud, surface))
+
     def _read(self, relative: str, reader: Callable[[Path], T]) -> T | None:
         if not self.exists(relative):
             return None
@@ -57,3 +74,17 @@ class Saved:
         except (Scan2FeaError, OSError) as error:
             self.troubles.append(f"{relative} could not be drawn: {error}")
             return None
+
+
+def _size(item: Mapping[str, Any], cloud: PointCloud | None, surface: TriangleMesh | None) -> tuple[float, ...] | None:
+    """As recorded, else that of the surface, else that of the points."""
+    if item.get("size_m"):
+        return tuple(float(x) for x in item["size_m"])
+    points = np.zeros((0, 3)) if cloud is None else cloud.points
+    if surface is not None and len(surface.faces):
+        points = surface.vertices[np.unique(surface.faces)]
+    if len(points) < 3:
+        return None
+    centred = points - points.mean(axis=0)
+    axes = np.linalg.eigh(centred.T @ centred)[1]
+    return tuple(sorted(np.ptp(centred @ axes, axis=0).tolist(), reverse=True))

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from scan2fea.report.charts import bars
-from scan2fea.report.figures import camera_for, deviation_figure, origin_figure, points_figure, regions_figure
+from scan2fea.report.figures import camera_for, deviation_figure, origin_figure, plain_figure, points_figure, regions_figure
 from scan2fea.report.markup import NOTHING, Html, figure_cell, joined, table, tag
 from scan2fea.report.parts import anchor, badge, downloads, facts, mark, picture, quality_table, section
-from scan2fea.report.saved import Saved
+from scan2fea.report.saved import Geometry
 from scan2fea.report.solids import Solid, cut_figure, displacement_figure, mode_figure, quality_charts, worst_elements
 from scan2fea.report.words import (
     check_name,
@@ -31,68 +29,48 @@ from scan2fea.report.words import (
     volume,
     with_deviation,
 )
-from scan2fea.types import PointCloud, TriangleMesh
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 Item = Mapping[str, Any]
+SHOWN_MODES = 3
 
 
-def object_section(saved: Saved, item: Item, place: int, cloud: PointCloud | None, width_px: int) -> Html:
+def object_section(item: Item, place: int, made: Geometry, files: Sequence[str], width_px: int) -> Html:
     """Everything about one object, one page when printed."""
-    surface, solid = saved.surface(item), saved.solid(item)
-    pictures, charts = _pictures(item, cloud, surface, solid, width_px)
+    pictures, charts = _pictures(item, made, width_px)
     good = item.get("verdict") == "converted"
     return tag(
         "article",
         tag("h2", tag("span", number_of(item), class_="number"), " ", item.get("kind") or "object", " ", badge(item.get("verdict"))),
         tag("p", item.get("reason") or "no reason given", class_=f"reason {'good' if good else 'bad'}"),
         _what_to_do(item),
-        _facts(item, _size(item, cloud, surface)),
+        _facts(item, made.size_m),
         tag("div", *pictures, class_="pictures") if pictures else NOTHING,
         tag("div", *charts, class_="charts") if charts else NOTHING,
-        tag("div", _member(item), _checks(item), _response(item), _shape(item), _mesh(item, solid), _drift(item), class_="parts"),
-        tag("p", "Files: ", downloads(saved.files(item)), class_="files"),
+        tag("div", _member(item), _checks(item), _response(item), _shape(item), _mesh(item, made.solid), _drift(item), class_="parts"),
+        tag("p", "Files: ", downloads(files), class_="files"),
         id=anchor(place),
         class_="object",
     )
 
 
-def size_of(item: Item, cloud: PointCloud | None) -> tuple[float, ...] | None:
-    """The object's extent along its own axes, as recorded, else that of its points."""
-    return _size(item, cloud, None)
-
-
-def _size(item: Item, cloud: PointCloud | None, surface: TriangleMesh | None) -> tuple[float, ...] | None:
-    if item.get("size_m"):
-        return tuple(float(x) for x in item["size_m"])
-    points = surface.vertices if surface is not None and len(surface.vertices) else cloud.points if cloud is not None else np.zeros((0, 3))
-    if len(points) < 3:
-        return None
-    centred = points - points.mean(axis=0)
-    axes = np.linalg.eigh(centred.T @ centred)[1]
-    return tuple(sorted(np.ptp(centred @ axes, axis=0).tolist(), reverse=True))
-
-
-def _pictures(
-    item: Item, cloud: PointCloud | None, surface: TriangleMesh | None, solid: Solid | None, width_px: int
-) -> tuple[list[Html], list[Html]]:
+def _pictures(item: Item, made: Geometry, width_px: int) -> tuple[list[Html], list[Html]]:
     """Pictures in one view, and the charts that go with them."""
+    cloud, surface, solid = made.cloud, made.surface, made.solid
     camera = camera_for(cloud, surface, width_px)
     if camera is None:
         return [], []
     figures = [points_figure(cloud, camera)] if cloud is not None and len(cloud) else []
     charts: list[Html] = []
     if surface is not None and len(surface.faces):
-        found = [
-            origin_figure(surface, camera),
-            deviation_figure(surface, camera, item.get("noise_m")),
-            regions_figure(surface, camera, item.get("cad") or {}),
-        ]
+        known = [origin_figure(surface, camera), deviation_figure(surface, camera, item.get("noise_m"))]
+        found = [*(known if any(known) else [plain_figure(surface, camera)]), regions_figure(surface, camera, item.get("cad") or {})]
         figures += [figure for figure in found if figure is not None]
         charts += [figure.chart for figure in figures if figure.chart]
     if solid is not None and len(solid.tets):
-        found = [cut_figure(solid, camera), displacement_figure(solid, camera), mode_figure(solid, camera, 1, first_frequency_hz(item))]
-        figures += [figure for figure in found if figure is not None]
+        frequencies = [*((item.get("fea") or {}).get("frequencies_hz") or [first_frequency_hz(item)]), None, None, None]
+        modes = [mode_figure(solid, camera, k + 1, frequencies[k]) for k in range(SHOWN_MODES)]
+        figures += [figure for figure in (cut_figure(solid, camera), displacement_figure(solid, camera), *modes) if figure is not None]
         charts += quality_charts(solid)
     return [picture(figure) for figure in figures], charts
 

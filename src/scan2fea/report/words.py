@@ -165,7 +165,7 @@ def cause(item: Mapping[str, Any]) -> str:
     if first in CAUSES:
         return CAUSES[first]
     text = " ".join(str(item.get("reason") or "no reason given").split())
-    text = re.split(r"[:;(\u2014]| - |\. |, (?=\d)", text)[0].strip().rstrip(".,") or text
+    text = re.split(r"[:;(\u2014]| - |\. |(?<=.{12}), ", text)[0].strip().rstrip(".,") or text
     if first and re.search(r"\d", text):  # a sentence full of figures says less than the name of the check
         return f"check \u201c{check_name(first)}\u201d not passed"
     if len(text) > CLAUSE:

@@ -6,7 +6,7 @@ not end in 140 s. Here the order is a nested dissection and the work is done by 
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from scipy.linalg import get_blas_funcs, get_lapack_funcs
@@ -78,7 +78,7 @@ class Cholesky:
         example = np.zeros((1, 1), dtype)
         self._trsm: Any = get_blas_funcs("trsm", (example,))
         self._syrk: Any = get_blas_funcs("syrk", (example,))
-        self._potrf: Any = get_lapack_funcs("potrf", (example,))
+        self._potrf = cast("Any", get_lapack_funcs("potrf", (example,)))
         self._blocks: list[tuple[slice, IntArray, Any, Any]] = []
         arrays = (np.array(system.indptr), np.array(system.indices), np.array(system.stiffness), np.array(system.mass))
         place = np.full(system.n_nodes, -1, np.int64)

@@ -23,5 +23,5 @@ class FeaOptions:
         "auto", "direct: Cholesky factors; amg: multigrid; auto: direct where its factors fit max_factor_mb", choices=("auto", "direct", "amg")
     )
     max_dof: int = option(400_000, "degrees of freedom above which the solver refuses", minimum=12)
-    max_factor_mb: float = option(1800.0, "largest memory of the direct solver", unit="MiB", minimum=1.0)
-    max_residual: float = option(1e-8, "largest relative residual of the static solution", minimum=1e-14, maximum=1e-2)
+    max_factor_mb: float = option(1400.0, "largest memory of the direct solver", unit="MiB", minimum=1.0)
+    max_residual: float = option(1e-5, "largest error of the static solution, in the energy norm", minimum=1e-12, maximum=1e-2)

@@ -71,10 +71,10 @@ def quality_table(quality: Mapping[str, Mapping[str, Any]]) -> Html:
     return table(("measure", "least", "1 %", "median"), rows, class_="narrow") if rows else NOTHING
 
 
-def section(title: str, *content: Html, open_: bool = True) -> Html:
+def section(title: str, *content: Html, class_: str = "part") -> Html:
     """A part of an object's section; left out where it has no content."""
     held = [part for part in content if part]
-    return tag("section", tag("h3", title), *held, class_="part") if held else NOTHING
+    return tag("section", tag("h3", title), *held, class_=class_) if held else NOTHING
 
 
 def _scale_bar(figure: Figure) -> Html:

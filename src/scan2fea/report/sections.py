@@ -7,7 +7,7 @@ from typing import Any
 
 from scan2fea.report.charts import bars
 from scan2fea.report.figures import camera_for, deviation_figure, origin_figure, plain_figure, points_figure, regions_figure
-from scan2fea.report.markup import NOTHING, Html, figure_cell, joined, table, tag
+from scan2fea.report.markup import NOTHING, Html, figure_cell, table, tag
 from scan2fea.report.parts import anchor, badge, downloads, facts, mark, picture, quality_table, section
 from scan2fea.report.saved import Geometry
 from scan2fea.report.solids import Solid, cut_figure, displacement_figure, mode_figure, quality_charts, worst_elements
@@ -171,19 +171,15 @@ def _shape(item: Item) -> Html:
 
 
 def _mesh(item: Item, solid: Solid | None) -> Html:
-    parts = [(name, (item.get(name) or {}).get("quality")) for name in ("surface", "volume")]
-    tables = [
-        joined((tag("h4", {"surface": "Triangles of the surface", "volume": "Tetrahedra"}[name]), quality_table(quality)))
-        for name, quality in parts
-        if quality
-    ]
+    titles = (("surface", "Triangles of the surface"), ("volume", "Tetrahedra"))
+    blocks = [(title, quality_table((item.get(name) or {}).get("quality") or {})) for name, title in titles]
     if solid is not None and len(solid.tets):
         rows = []
         for element, angle, centre in worst_elements(solid):
             where = ", ".join(number(x * MILLIMETRES_PER_METRE) for x in centre)
             rows.append([count(element), figure_cell(f"{number(angle)}\u00b0", "smallest dihedral"), figure_cell(where, "centroid, mm")])
-        tables.append(joined((tag("h4", "The five worst elements"), table(("element", "smallest dihedral", "centroid, mm"), rows))))
-    return section("Mesh quality", *tables)
+        blocks.append(("The five worst elements", table(("element", "smallest dihedral", "centroid, mm"), rows)))
+    return section("Mesh quality", *(tag("div", tag("h4", title), made, class_="block") for title, made in blocks if made), class_="part long")
 
 
 def _drift(item: Item) -> Html:

@@ -10,9 +10,10 @@ from scan2fea.types import FloatArray, IntArray
 
 SPACING_NEIGHBORS = 6  # reconstruction.md: h = median of the mean distance to 6 neighbours
 _SPACING_QUERIES = 20_000  # the median of 20,000 draws is within 1 % of the median of all where the spacing varies by a factor of 2
-_SIGMA_QUERIES = 3_000
+_SIGMA_QUERIES = 1_000
 _QUANTILE = 0.3  # patches across an edge read too high, so the scale is taken from the flat ones: low quantile, exact factor below
 _QUADRIC_TERMS = 6
+_SHEET_SHARE = 0.5  # of a patch must lie on the point's own sheet: less is a stripe of the scan, or several sheets
 _FLAT = 0.3  # a neighbourhood tells noise from shape only if it is this much thinner than wide
 
 
@@ -38,7 +39,8 @@ def noise_sigma(points: FloatArray, normals: FloatArray | None = None, seed: int
     """Standard deviation of the points across their surface, m; nan where the data cannot tell it from shape.
 
     points : (n, 3).   normals : (n, 3) oriented outward, or None. With them only neighbours on the same side of a wall are used
-    (n_i.n_j > 0.3); without them a wall thinner than about two spacings reads as noise.
+    (n_i.n_j > 0.3). Without them the sheet a point lies on is told from the other one by the gap between; walls thinner than about six
+    sigma then read as noise.
 
     Each of a seeded draw of points gives the residual of a quadric z(x, y) over its neighbours (a plane would read curvature as
     noise). The scale is the 30 % quantile of these residuals, divided by what that quantile is for pure Gaussian noise (chi-square
@@ -50,8 +52,10 @@ def noise_sigma(points: FloatArray, normals: FloatArray | None = None, seed: int
         if len(points) < k:
             break
         _, near = k_nearest(points, k, points[rows])
-        rms, width, used = _residuals(points, near, None if normals is None else _same_side(normals, rows, near))
-        good = used > 2 * _QUADRIC_TERMS
+        patch = points[near] - points[rows][:, None]
+        weight = _own_sheet(patch) if normals is None else _same_side(normals, rows, near)
+        _, rms, width, used = _quadric(patch, weight)
+        good = used >= max(2 * _QUADRIC_TERMS + 1, _SHEET_SHARE * k)
         if good.mean() < 0.5:
             continue
         dof = used[good] - _QUADRIC_TERMS
@@ -67,20 +71,44 @@ def _same_side(normals: FloatArray, rows: IntArray, near: IntArray) -> FloatArra
     return same
 
 
-def _residuals(points: FloatArray, near: IntArray, weight: FloatArray | None) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Root mean square residual (degrees of freedom counted), lateral width (standard deviation) and number of points of each quadric."""
-    w = np.ones(near.shape) if weight is None else weight
+def _own_sheet(patch: FloatArray) -> FloatArray:
+    """(m, k) 1 for the neighbours on the sheet of the point itself (the origin of its patch), 0 for those beyond a gap across it.
+
+    The scale across is the shortest interval that holds 40 % of the heights: 1.05 sigma for one Gaussian sheet, up to 2.56 sigma for two
+    equal ones (a quarter less in small samples). The start keeps twice that around the own height, which is inside a gap of 6 sigma in
+    either case; three quadric fits, each keeping what is within 3.5 of its residuals' rms, then grow to the whole sheet.
+    """
+    k = patch.shape[1]
+    centred = patch - patch.mean(axis=1, keepdims=True)
+    normal = np.linalg.eigh(np.einsum("mki,mkj->mij", centred, centred))[1][:, :, 0]
+    height = np.einsum("mki,mi->mk", patch, normal)
+    ranked = np.sort(height, axis=1)
+    held = max(2, round(0.4 * k))
+    scale = (ranked[:, held - 1 :] - ranked[:, : k - held + 1]).min(axis=1) / 1.05
+    weight: FloatArray = (np.abs(height) <= 2.0 * scale[:, None]).astype(float)
+    for _ in range(3):
+        error, rms, _, used = _quadric(patch, weight)
+        grown = (np.abs(error) <= 3.5 * rms[:, None]).astype(float)
+        weight = np.where((used > 2 * _QUADRIC_TERMS)[:, None], grown, weight)
+    return weight
+
+
+def _quadric(points: FloatArray, w: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """The quadric through each weighted patch (m, k, 3): errors of all its points, rms of the weighted ones, lateral width, their number.
+
+    The rms counts degrees of freedom; the width is a standard deviation along the narrower direction of the surface.
+    """
     used = w.sum(axis=1)
-    patch = points[near]
-    patch = patch - (w[..., None] * patch).sum(axis=1, keepdims=True) / np.maximum(used, 1.0)[:, None, None]
+    patch = points - (w[..., None] * points).sum(axis=1, keepdims=True) / np.maximum(used, 1.0)[:, None, None]
     values, axes = np.linalg.eigh(np.einsum("mk,mki,mkj->mij", w, patch, patch) / np.maximum(used, 1.0)[:, None, None])
     width = np.sqrt(np.maximum(values[:, 1], 0.0))
-    scale = np.sqrt(np.maximum(values[:, 2], 0.0))
-    scale = np.where(scale > 0, scale, 1.0)  # a patch of one point
+    size = np.sqrt(np.maximum(values[:, 2], 0.0))
+    scale = np.where(size > 0, size, 1.0)
     z, y, x = np.moveaxis(np.einsum("mki,mij->mkj", patch, axes), -1, 0) / scale[:, None]
-    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], -1) * w[..., None]
-    normal_matrix = np.einsum("mki,mkj->mij", basis, basis) + 1e-12 * used[:, None, None] * np.eye(_QUADRIC_TERMS)
-    coefficients = np.linalg.solve(normal_matrix, np.einsum("mki,mk->mi", basis, z * w)[..., None])[..., 0]
-    error = (z * w - np.einsum("mki,mi->mk", basis, coefficients)) * scale[:, None]
-    rms = np.sqrt((error**2).sum(axis=1) / np.maximum(used - _QUADRIC_TERMS, 1.0))
-    return rms, width, used
+    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], -1)
+    weighted = basis * w[..., None]
+    normal_matrix = np.einsum("mki,mkj->mij", weighted, basis) + 1e-12 * np.maximum(used, 1.0)[:, None, None] * np.eye(_QUADRIC_TERMS)
+    coefficients = np.linalg.solve(normal_matrix, np.einsum("mki,mk->mi", weighted, z)[..., None])[..., 0]
+    error = (z - np.einsum("mki,mi->mk", basis, coefficients)) * scale[:, None]
+    rms = np.sqrt((w * error**2).sum(axis=1) / np.maximum(used - _QUADRIC_TERMS, 1.0))
+    return error, rms, width, used

@@ -9,14 +9,16 @@ import numpy as np
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import noise_sigma, sampled_rows, spacing
 from scan2fea.kernel.normals import pca_normals
-from scan2fea.types import BoolArray, FloatArray, Value
+from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 _SUBSET = 10_000  # points that hypotheses are scored on
-_HYPOTHESES = 150  # of each size
+_HYPOTHESES = 100  # of each size
 _PATCHES = (48, 240)  # neighbours that a hypothesis is fitted to: small ones fit small planes, large ones do not tilt
 _WIDEST = 3.0  # a plane may spread over this many times the width that local noise gives (warped floors), not over a second wall
 _COS_NORMAL = 0.8  # a point counts for a plane if its own normal is within 37 degrees: noise allows no less, a crossing wall is at 90
 _SIGMAS = 4.0
+_CANDIDATES = 4
+_LEAST_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -46,19 +48,34 @@ class Plane(Value):
         return _SIGMAS * self.sigma_m
 
 
+class PlaneFinder:
+    """The large planes of parts of one cloud; a part that is asked for again is not searched again."""
+
+    def __init__(self, points: FloatArray, seed: int) -> None:
+        self.points = points
+        self._seed = seed
+        self._known: dict[bytes, tuple[Plane, ...]] = {}
+
+    def of(self, rows: IntArray) -> tuple[Plane, ...]:
+        """At most four planes with 5 % of the part's points or more: what is smaller carries nothing."""
+        key = rows.tobytes()
+        if key not in self._known:
+            self._known[key] = tuple(large_planes(self.points[rows], _CANDIDATES, _LEAST_SHARE, self._seed))
+        return self._known[key]
+
+
 def large_planes(points: FloatArray, at_most: int, least_share: float, seed: int = 0) -> list[Plane]:
     """The planes that hold most points, largest first, each with at least `least_share` of the points (n, 3).
 
-    The width of a plane follows the data: it starts at 3 sigma of the local noise (half a spacing where that cannot be told) and is
-    refitted to the spread of the points it finds, so a floor that is a little warped stays one plane.
+    The width of a plane follows the data: it starts at the spacing of the points or 3 sigma of their local noise, whichever is larger, and
+    is refitted to the spread of the points it finds, so a floor that is a little warped stays one plane.
     """
     if len(points) < 3 * _PATCHES[0]:
         return []
     rng = np.random.default_rng(seed)
     subset = points[sampled_rows(len(points), _SUBSET, seed)]
-    h = spacing(subset)
-    sigma = noise_sigma(points, seed=seed)
-    width = 3.0 * sigma if np.isfinite(sigma) and sigma > 0.01 * h else 0.5 * spacing(points)
+    h, sigma = spacing(points, seed), noise_sigma(points, seed=seed)
+    width = max(h, 3.0 * sigma if np.isfinite(sigma) else 0.0)
     normals = pca_normals(subset, 16)
     left = np.ones(len(subset), bool)
     found: list[Plane] = []

@@ -10,6 +10,7 @@ from scan2fea.errors import UsageError, require
 from scan2fea.segmentation.euclidean import euclidean
 from scan2fea.segmentation.given import given
 from scan2fea.segmentation.options import SegmentationOptions
+from scan2fea.segmentation.planes import PlaneFinder
 from scan2fea.segmentation.radius import link_radius
 from scan2fea.segmentation.scenes import things_of
 from scan2fea.segmentation.single import single
@@ -34,15 +35,15 @@ def segment_scene(scan: Scan, options: SegmentationOptions = SegmentationOptions
         labels = METHODS[options.method](cloud, options)
         return Segments(labels=labels, kinds=("object",) * (int(labels.max(initial=-1)) + 1), how={"method": options.method})
     radius = options.radius_m or link_radius(cloud.points, options.seed)
-    supports = Supports.none(len(cloud))
+    supports, finder = Supports.none(len(cloud)), PlaneFinder(cloud.points, options.seed)
     if options.supports and np.isfinite(radius) and radius > 0:
-        supports = find_supports(cloud.points, scan.sensors(), radius, options.min_points, options.seed)
+        supports = find_supports(finder, scan.sensors(), radius, options.min_points)
     rest = np.flatnonzero(supports.number < 0)
     found = METHODS[options.method](cloud.take(rest), options)
     clusters = [rest[found == label] for label in range(int(found.max(initial=-1)) + 1)]
     own_radius = options.radius_m or link_radius(cloud.points[rest], options.seed)
     if options.supports and (len(clusters) > 1 or supports.planes) and np.isfinite(own_radius) and own_radius > 0:
-        things = things_of(cloud.points, clusters, supports, own_radius, options.min_points, options.seed)
+        things = things_of(finder, clusters, supports, own_radius, options.min_points)
         pieces = [(thing.rows, thing.kind) for thing in things]
     else:
         pieces = [(rows, "object") for rows in clusters]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scan2fea.segmentation.footprint import directions_beyond, grid_on, is_covered, least_extent, standing_parts
-from scan2fea.segmentation.planes import Plane, large_planes
+from scan2fea.segmentation.footprint import DIRECTIONS, directions_beyond, grid_on, is_covered, least_extent, standing_parts
+from scan2fea.segmentation.planes import Plane, PlaneFinder
 from scan2fea.segmentation.supports import Supports
 from scan2fea.types import FloatArray, IntArray, Value
 
@@ -34,12 +34,10 @@ class Thing(Value):
     kind: str = "object"
 
 
-def things_of(points: FloatArray, clusters: Sequence[IntArray], supports: Supports, radius_m: float, min_points: int, seed: int) -> list[Thing]:
-    """The clusters with their kinds; what stands on one of them becomes a thing of its own, after all others.
-
-    points : (n, 3).   clusters : rows of each.
-    """
-    things = [Thing(rows=rows, planes=tuple(large_planes(points[rows], 4, 0.05, seed))) for rows in clusters]
+def things_of(finder: PlaneFinder, clusters: Sequence[IntArray], supports: Supports, radius_m: float, min_points: int) -> list[Thing]:
+    """The clusters (rows of each) with their kinds; what stands on one of them becomes a thing of its own, after all others."""
+    points = finder.points
+    things = [Thing(rows=rows, planes=finder.of(rows)) for rows in clusters]
     slabs = _slabs(points, things, radius_m)
     labelled = []
     stacked: list[Thing] = []
@@ -93,7 +91,7 @@ def _stacked_on(plane: Plane, points: FloatArray, radius_m: float, min_points: i
     found = []
     for part in standing_parts(points, height, plane.band_m, grid, radius_m, min_points):
         is_small = part.cells.sum() <= _STACKED_SHARE * top.sum() and _STACKED_WIDTHS * part.height_m <= width
-        if is_small and directions_beyond(part.cells, top) >= 3 and is_covered(part.cells):
+        if is_small and directions_beyond(part.cells, top) >= DIRECTIONS and is_covered(part.cells):
             found.append(part.rows)
     return found
 

@@ -5,9 +5,9 @@ are large planes too, so size decides nothing. What decides, for a plane of a co
 
 1. one side: nearly nothing of the part lies behind it, and where the sensor is known, the sensor is on the other side too;
 2. no body: what lies in front covers less than half of it. Every closed solid that a plane bounds casts its shadow on the whole plane;
-3. something stands on it that is not a mere ring, and the plane goes on beyond that thing along both axes of its footprint, in at least
-   three of the four directions (the fourth may lie in the scanner's shadow). The web on a flange, the other leg of an angle run out at
-   the ends of the plane;
+3. something stands on it that is not a mere ring, and the plane goes on beyond that thing in at least three of the four directions of its
+   footprint's axes (the fourth may lie in the scanner's shadow; in all four where the plane itself stands on another support). The web
+   on a flange, the other leg of an angle run out at the ends of the plane;
 4. the plane is at least as wide as that thing is tall: a column on its base plate is one object, a column on a floor is not part of it;
 5. without a known sensor: the border of the plane is not mostly lined by walls going up (a box seen from outside with a pocket in its
    face, and a room seen from inside, are then the same points).
@@ -20,15 +20,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from scan2fea.kernel.neighbors import radius_components
-from scan2fea.segmentation.footprint import border_share, directions_beyond, grid_on, is_covered, least_extent, standing_parts
-from scan2fea.segmentation.planes import Plane, large_planes
+from scan2fea.segmentation.footprint import DIRECTIONS, border_share, directions_beyond, grid_on, is_covered, least_extent, standing_parts
+from scan2fea.segmentation.planes import Plane, PlaneFinder
 from scan2fea.types import FloatArray, IntArray, Value
 
 _BEHIND = 0.05
 _BODY = 0.5
 _LINED = 0.5
-_LEAST_SHARE = 0.05  # of the points of its part: smaller planes carry nothing
-_CANDIDATES = 4
+_PARALLEL = 0.95
 _MOST = 8  # supports per scene
 
 
@@ -46,24 +45,25 @@ class Supports(Value):
         return cls(number=np.full(n_points, -1, np.int64), planes=(), width_m=())
 
 
-def find_supports(points: FloatArray, sensors: FloatArray, radius_m: float, min_points: int, seed: int = 0) -> Supports:
-    """The supports of a scene.
+def find_supports(finder: PlaneFinder, sensors: FloatArray, radius_m: float, min_points: int) -> Supports:
+    """The supports of the scene that the finder was made for.
 
-    points : (n, 3).   sensors : (n, 3), nan where unknown.   radius_m : that joins points of one surface.
+    sensors : (n, 3), nan where unknown.   radius_m : that joins points of one surface.
     """
+    points = finder.points
     number = np.full(len(points), -1, np.int64)
     planes: list[Plane] = []
-    todo = [np.arange(len(points))]
+    todo: list[tuple[IntArray, Plane | None]] = [(np.arange(len(points)), None)]
     while todo and len(planes) < _MOST:
-        part = todo.pop()
+        part, floor = todo.pop()
         for rows in _connected(points, part, radius_m, min_points):
-            plane = _support_of(points[rows], sensors[rows], radius_m, min_points, seed)
+            plane = _support_of(finder, rows, sensors[rows], radius_m, min_points, floor)
             if plane is None:
                 continue
             on = np.abs(plane.height(points[rows])) <= plane.band_m
             number[rows[on]] = len(planes)
             planes.append(plane)
-            todo.append(rows[~on])
+            todo.append((rows[~on], floor or plane))
     widths = tuple(_width(plane, points[number == i], radius_m) for i, plane in enumerate(planes))
     return Supports(number=number, planes=tuple(planes), width_m=widths)
 
@@ -83,17 +83,20 @@ def _connected(points: FloatArray, rows: IntArray, radius_m: float, min_points: 
     return [rows[labels == label] for label in large[np.argsort(-counts[large], kind="stable")]]
 
 
-def _support_of(points: FloatArray, sensors: FloatArray, radius_m: float, min_points: int, seed: int) -> Plane | None:
-    """The largest plane of one connected part that is a support."""
-    for plane in large_planes(points, _CANDIDATES, _LEAST_SHARE, seed):
+def _support_of(finder: PlaneFinder, rows: IntArray, sensors: FloatArray, radius_m: float, min_points: int, floor: Plane | None) -> Plane | None:
+    """The largest plane of one connected part that is a support; on another support only one that faces as it does."""
+    points = finder.points[rows]
+    for plane in finder.of(rows):
         height = plane.height(points)
         upward = plane if (height > plane.band_m).sum() >= (height < -plane.band_m).sum() else plane.flipped()
-        if carries(upward, points, sensors, radius_m, min_points):
+        if floor is not None and upward.normal @ floor.normal < _PARALLEL:
+            continue  # an upright plane with something on it is part of a thing as often as a wall: in doubt the thing stays whole
+        if carries(upward, points, sensors, radius_m, min_points, DIRECTIONS - 1 if floor is None else DIRECTIONS):
             return upward
     return None
 
 
-def carries(plane: Plane, points: FloatArray, sensors: FloatArray, radius_m: float, min_points: int) -> bool:
+def carries(plane: Plane, points: FloatArray, sensors: FloatArray, radius_m: float, min_points: int, directions: int = DIRECTIONS - 1) -> bool:
     """The tests of the module's docstring, for the side the plane's normal points to."""
     height = plane.height(points)
     on, above = np.abs(height) <= plane.band_m, height > plane.band_m
@@ -109,7 +112,7 @@ def carries(plane: Plane, points: FloatArray, sensors: FloatArray, radius_m: flo
         return False
     parts = standing_parts(points, height, plane.band_m, grid, radius_m, min_points)
     width = least_extent(floor, grid.edge_m)
-    stands = [directions_beyond(part.cells, floor) >= 3 and part.height_m <= width for part in parts]
+    stands = [directions_beyond(part.cells, floor) >= directions and part.height_m <= width for part in parts]
     if not any(ok and is_covered(part.cells) for ok, part in zip(stands, parts, strict=True)):
         return False
     lining = np.zeros(grid.shape, bool)

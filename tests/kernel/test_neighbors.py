@@ -1,0 +1,72 @@
+import numpy as np
+import pytest
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from scan2fea.errors import InternalError
+from scan2fea.kernel.neighbors import k_nearest, radius_components
+from scan2fea.kernel.transforms import random_rotation
+
+
+def brute_force(points, radius):
+    pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
+    return connected_components(graph, directed=False)[1]
+
+
+def assert_same_partition(a, b):
+    pairs = len(set(zip(a.tolist(), b.tolist(), strict=True)))
+    assert pairs == len(set(a.tolist())) == len(set(b.tolist()))
+
+
+@pytest.mark.parametrize("radius", [0.02, 0.05, 0.07, 0.1, 0.3])
+def test_components_equal_brute_force(radius):
+    points = np.random.default_rng(1).random((1500, 3))
+    assert_same_partition(radius_components(points, radius), brute_force(points, radius))
+
+
+def test_radius_is_inclusive():
+    grid = np.stack(np.meshgrid(*[np.arange(5.0)] * 3), -1).reshape(-1, 3)
+    assert radius_components(grid, 1.0).max() == 0
+    assert radius_components(grid, np.nextafter(1.0, 0.0)).max() == 124
+
+
+def test_diagonal_of_a_cell_is_no_shortcut():
+    """Two points just farther than the radius along the diagonal, where a cell of r / sqrt(3) could hold both."""
+    radius = 1.0
+    for corner in (np.ones(3), np.array([1.0, 1.0, 0.0])):
+        step = corner / np.linalg.norm(corner)
+        assert radius_components(np.array([[0, 0, 0], step * radius * (1 + 1e-6)]), radius).tolist() == [0, 1]
+        assert radius_components(np.array([[0, 0, 0], step * radius * (1 - 1e-6)]), radius).tolist() == [0, 0]
+
+
+def test_labels_are_numbered_by_first_point_and_follow_motion_and_order():
+    rng = np.random.default_rng(0)
+    points = np.concatenate([rng.random((40, 3)) + 5 * k for k in (2, 0, 1)])
+    labels = radius_components(points, 1.0)
+    assert labels.tolist() == [0] * 40 + [1] * 40 + [2] * 40
+    order = rng.permutation(120)
+    assert_same_partition(radius_components(points[order], 1.0), labels[order])
+    assert_same_partition(radius_components(points @ random_rotation(4).T + 1e6, 1.0), labels)
+    assert_same_partition(radius_components(points * 1e-4, 1e-4), labels)
+
+
+def test_bad_radius_and_no_point():
+    for radius in (0.0, -1.0, np.inf, np.nan):
+        with pytest.raises(InternalError, match="radius"):
+            radius_components(np.zeros((2, 3)), radius)
+    assert radius_components(np.zeros((0, 3)), 1.0).shape == (0,)
+
+
+def test_k_nearest_equals_brute_force_and_never_pads():
+    points = np.random.default_rng(2).random((50, 3))
+    queries = np.random.default_rng(3).random((7, 3))
+    distance, index = k_nearest(points, 4, queries)
+    true = np.linalg.norm(queries[:, None] - points[None], axis=2)
+    np.testing.assert_allclose(distance, np.sort(true, axis=1)[:, :4])
+    np.testing.assert_array_equal(index, np.argsort(true, axis=1)[:, :4])
+    assert k_nearest(points[:3], 10)[0].shape == (3, 3)
+    assert k_nearest(points, 1)[1][:, 0].tolist() == list(range(50))
+    with pytest.raises(InternalError, match="at least one point"):
+        k_nearest(points[:0], 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,7 @@ import numpy as np
 from scan2fea.errors import FormatError, InputError, require
 from scan2fea.io.source import Column, Piece
 from scan2fea.kernel.voxels import VoxelStream
-from scan2fea.types import FloatArray, IntArray, Rays
+from scan2fea.types import BoolArray, FloatArray, IntArray, Rays
 
 _SAMPLE = 200_000  # points from which the first edge is told
 _SAFETY = 4.0  # the first edge is that much smaller than the sample suggests: it only ever doubles
@@ -62,9 +62,9 @@ class Gathered:
 class _Rows:
     """The pieces so far, or their voxel means once there are more than `limit` points."""
 
-    def __init__(self, limit: int) -> None:
+    def __init__(self, limit: int, edge_m: float | None = None) -> None:
         self.limit = limit
-        self.stream: VoxelStream | None = None
+        self.stream: VoxelStream | None = None if edge_m is None else VoxelStream(edge_m)
         self.points: list[FloatArray] = []
         self.index: list[IntArray] = []
         self.sensor: list[FloatArray] = []
@@ -151,56 +151,91 @@ def _first_edge(points: list[FloatArray], limit: int) -> float:
     return float(max(2.0 ** np.floor(np.log2(stream.edge_m / (np.sqrt(step) * _SAFETY))), 2.0 ** np.floor(np.log2(smallest))))
 
 
-def gather(path: Path, pieces: Iterator[Piece], wanted: tuple[str, ...], scale: float, limit: int, keep_rows: bool) -> Gathered:
-    """Read all pieces. `limit`: points beyond which voxel means take their place; `keep_rows`: vertices of faces, none may be dropped or joined."""
-    rows = _Rows(limit)
-    misses: list[tuple[FloatArray, FloatArray]] = []
-    n_rows, n_dropped, n_misses, n_lost = 0, 0, 0, 0
-    raw = np.zeros((0, 3))
+def gather(path: Path, pieces: Callable[[], Iterator[Piece]], wanted: tuple[str, ...], scale: float, limit: int, keep_rows: bool) -> Gathered:
+    """Read all pieces. `limit`: points beyond which voxel means take their place; `keep_rows`: vertices of faces, none may be dropped or joined.
+
+    A scan that is thinned is read a second time where doubling the edge has overshot: by the cube root at most what `limit` allows, which holds
+    for points on surfaces (count falls as edge^-2) and in a volume (edge^-3) alike.
+    """
+    found = _read(path, pieces(), wanted, scale, _Rows(limit), keep_rows)
+    stream = found.rows.stream
+    if stream is not None and stream.n_cells < limit // 2:
+        edge = stream.edge_m * (stream.n_cells / limit) ** (1 / 3)
+        del found, stream  # one of them is enough to hold
+        found = _read(path, pieces(), wanted, scale, _Rows(limit, edge), keep_rows)
+    return _gathered(found, limit)
+
+
+@dataclass
+class _Found:
+    """Counts while a file is read; never leaves this file."""
+
+    rows: _Rows
+    misses: list[tuple[FloatArray, FloatArray]]
+    raw: FloatArray
+    n_rows: int = 0
+    n_dropped: int = 0
+    n_misses: int = 0
+    n_lost: int = 0
+
+
+def _read(path: Path, pieces: Iterator[Piece], wanted: tuple[str, ...], scale: float, rows: _Rows, keep_rows: bool) -> _Found:
+    found = _Found(rows, [], np.zeros((0, 3)))
     for piece in pieces:
-        n = len(piece.points)
-        is_finite = np.isfinite(piece.points).all(axis=1)
-        is_hit = is_finite if piece.is_miss is None else is_finite & ~piece.is_miss
-        if n_rows == 0:
-            raw = piece.points[:4]
-        require(
-            not keep_rows or bool(is_hit.all()),
-            FormatError,
-            f"{path}: vertex {n_rows + int(np.argmin(is_hit)) if n else 0} of a surface is not finite: repair the file",
-        )
+        is_finite: BoolArray = np.asarray(np.isfinite(piece.points).all(axis=1))
+        is_hit: BoolArray = is_finite if piece.is_miss is None else is_finite & ~piece.is_miss
+        whole = bool(is_hit.all())
+        if found.n_rows == 0:
+            found.raw = piece.points[:4]
+        if keep_rows:
+            _require_whole(path, found.n_rows, is_hit, rows.limit)
         if piece.is_miss is not None:
             lost, ray = _misses(piece, scale)
-            n_misses, n_lost = n_misses + int(piece.is_miss.sum()), n_lost + lost
-            misses.append(ray)
-        n_dropped += int((~is_finite & ~(piece.is_miss if piece.is_miss is not None else False)).sum())
-        whole = bool(is_hit.all())
-        points = (piece.points if whole else piece.points[is_hit]) * scale
-        index = np.arange(n_rows, n_rows + n) if whole else n_rows + np.flatnonzero(is_hit)
+            found.n_misses += int(piece.is_miss.sum())
+            found.n_lost += lost
+            found.misses.append(ray)
+        found.n_dropped += int((~is_finite).sum() if piece.is_miss is None else (~is_finite & ~piece.is_miss).sum())
+        first, n = found.n_rows, len(piece.points)
         sensor = None if piece.sensor is None else np.atleast_2d(piece.sensor if piece.sensor.ndim == 1 or whole else piece.sensor[is_hit]) * scale
-        rows.add(points, index, sensor, {name: np.asarray(piece.columns[name] if whole else piece.columns[name][is_hit]) for name in wanted})
-        n_rows += n
-        require(
-            not keep_rows or n_rows <= limit,
-            InputError,
-            f"{path} has {n_rows} vertices or more, {limit} fit into input.memory_gib: raise it, or simplify",
+        rows.add(
+            (piece.points if whole else piece.points[is_hit]) * scale,
+            np.arange(first, first + n) if whole else first + np.flatnonzero(is_hit),
+            sensor,
+            {name: np.asarray(piece.columns[name] if whole else piece.columns[name][is_hit]) for name in wanted},
         )
-    index, sensor_all, columns = rows.whole()
-    stream = rows.stream
-    points = stream.mean() if stream is not None else np.concatenate(rows.points) if rows.points else np.zeros((0, 3))
-    origin, direction = _thinned_misses(misses, limit) if misses else (np.zeros((0, 3)), np.zeros((0, 3)))
+        found.n_rows += n
+    return found
+
+
+def _require_whole(path: Path, first: int, is_hit: BoolArray, limit: int) -> None:
+    """Vertices of a surface keep their rows: none may be dropped, and none joined."""
+    bad = first + int(np.argmin(is_hit)) if len(is_hit) else first
+    require(bool(is_hit.all()), FormatError, f"{path}: vertex {bad} of a surface is not finite: repair the file")
+    n = first + len(is_hit)
+    require(n <= limit, InputError, f"{path} has {n} vertices or more, {limit} fit into input.memory_gib: raise it, or simplify the surface")
+
+
+def _gathered(found: _Found, limit: int) -> Gathered:
+    index, sensor, columns = found.rows.whole()
+    stream = found.rows.stream
+    if stream is not None:
+        points = stream.mean()
+    else:
+        points = np.concatenate(found.rows.points) if found.rows.points else np.zeros((0, 3))
+    origin, direction = _thinned_misses(found.misses, limit) if found.misses else (np.zeros((0, 3)), np.zeros((0, 3)))
     return Gathered(
         points=points,
-        raw_points=raw,
+        raw_points=found.raw,
         raw_index=index,
         columns=columns,
-        sensor=None if bool(np.isnan(sensor_all).all()) else sensor_all,
+        sensor=None if bool(np.isnan(sensor).all()) else sensor,
         miss_origin=origin,
         miss_direction=direction,
-        n_rows=n_rows,
-        n_dropped=n_dropped,
-        n_misses=n_misses,
+        n_rows=found.n_rows,
+        n_dropped=found.n_dropped,
+        n_misses=found.n_misses,
         voxel_edge_m=stream.edge_m if stream is not None else None,
-        notes=_notes(n_rows, n_dropped, n_lost, stream, limit),
+        notes=_notes(found, stream, limit),
     )
 
 
@@ -220,14 +255,13 @@ def _thinned_misses(misses: list[tuple[FloatArray, FloatArray]], limit: int) -> 
     return np.concatenate([origin[::step] for origin, _ in misses]), np.concatenate([direction[::step] for _, direction in misses])
 
 
-def _notes(n_rows: int, n_dropped: int, n_lost: int, stream: VoxelStream | None, limit: int) -> tuple[str, ...]:
+def _notes(found: _Found, stream: VoxelStream | None, limit: int) -> tuple[str, ...]:
     notes = []
-    if n_dropped:
-        notes.append(f"{n_dropped} of {n_rows} rows are not finite and were dropped")
-    if n_lost:
-        notes.append(f"the direction of {n_lost} rays without return cannot be told: they were dropped")
+    if found.n_dropped:
+        notes.append(f"{found.n_dropped} of {found.n_rows} rows are not finite and were dropped")
+    if found.n_lost:
+        notes.append(f"the direction of {found.n_lost} rays without return cannot be told: they were dropped")
     if stream is not None:
-        notes.append(
-            f"{n_rows} points exceed the {limit} that fit into input.memory_gib: read as the means of {stream.n_cells} voxels of {stream.edge_m:g} m"
-        )
+        read = f"read as the means of {stream.n_cells} voxels of {stream.edge_m:.4g} m"
+        notes.append(f"{found.n_rows} points exceed the {limit} that fit into input.memory_gib: {read}")
     return tuple(notes)

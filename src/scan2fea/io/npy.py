@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import zipfile
+import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import IO, Any
@@ -12,6 +14,7 @@ import numpy.typing as npt
 
 from scan2fea.errors import FormatError, InputError, require
 from scan2fea.io import columns
+from scan2fea.io.numbers import forget
 from scan2fea.io.source import ROWS_PER_PIECE, Column, Piece, Source
 from scan2fea.units import BYTES_PER_GIB
 
@@ -46,42 +49,27 @@ def open_npz(path: Path, size: int) -> Source:
     named: dict[str, Column] = {}
     try:
         with zipfile.ZipFile(path) as archive:
-            members = [entry for entry in archive.infolist() if entry.filename.endswith(".npy")]
-            for entry in members:
-                name = entry.filename.removesuffix(".npy")
-                if len(members) == 1 or columns.canonical(name) in _KNOWN or name.lower() in _GROUPS:
-                    named.update(_columns_of(path, "points" if len(members) == 1 else name, _entry(path, archive, entry)))
+            members = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist() if entry.filename.endswith(".npy")}
             require(members, FormatError, f"{path} holds no arrays (.npy): save it with numpy.savez")
-    except (zipfile.BadZipFile, OSError, EOFError, NotImplementedError, RuntimeError) as error:
+            for name, entry in members.items():
+                array = _entry(path, archive, entry)
+                if len(members) == 1 or name.lower() in _GROUPS or (array.ndim == 1 and array.dtype.kind in "fiub"):
+                    named.update(_columns_of(path, "points" if len(members) == 1 else name, array))
+    except (zipfile.BadZipFile, zlib.error, OSError, EOFError, NotImplementedError, RuntimeError) as error:
         raise FormatError(f"{path} is no sound archive ({error}): save it again") from error
-    if len({len(column) for column in named.values()}) > 1:
-        raise FormatError(
-            f"{path}: its arrays have different lengths ({', '.join(f'{k} {len(v)}' for k, v in named.items())}): one row per point is needed"
-        )
-    return _source(path, named)
-
-
-_KNOWN = frozenset(
-    (
-        "x",
-        "y",
-        "z",
-        "nx",
-        "ny",
-        "nz",
-        "red",
-        "green",
-        "blue",
-        "intensity",
-        "label",
-        "sensor_x",
-        "sensor_y",
-        "sensor_z",
-        "instance",
-        "segment",
-        "class",
+    xyz = columns.find_all(tuple(named), "x", "y", "z")
+    n = len(named[xyz[0]]) if xyz else 0
+    other = {name: len(column) for name, column in named.items() if len(column) != n}
+    wrong = [name for name in other if columns.canonical(name) in _KNOWN]
+    require(
+        not xyz or not wrong,
+        FormatError,
+        f"{path}: {wrong[:3]} have {[other[k] for k in wrong[:3]]} rows, the points {n}: one row per point is needed",
     )
-)
+    return _source(path, {name: column for name, column in named.items() if not xyz or name not in other})
+
+
+_KNOWN = ("x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "intensity", "label", "sensor_x", "sensor_y", "sensor_z")
 
 
 def _source(path: Path, named: Mapping[str, Column]) -> Source:
@@ -97,6 +85,7 @@ def _source(path: Path, named: Mapping[str, Column]) -> Source:
             points = np.stack([np.asarray(named[name][rows], float) for name in xyz], axis=1)
             kept = {name: named[name][rows].astype(named[name].dtype.newbyteorder("=")) for name in names if name in wanted}
             yield Piece(points=points, columns=kept)
+            forget(named[xyz[0]])
 
     return Source(columns=names, pieces=pieces, n_points=n)
 
@@ -105,10 +94,12 @@ def _array_header(handle: IO[bytes], where: str) -> tuple[np.dtype[Any], tuple[i
     """dtype, shape, order and first byte of an array. Raises FormatError for what is not an array of numbers."""
     try:
         version = np.lib.format.read_magic(handle)
-        read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, is_fortran, dtype = read(handle, max_header_size=_LONGEST_HEADER)
-    except (ValueError, SyntaxError, TypeError, RecursionError, OverflowError) as error:
-        raise FormatError(f"{where} is no sound NPY array ({str(error)[:100]}): save it again with numpy.save") from error
+        width = 2 if version == (1, 0) else 4
+        length = int.from_bytes(handle.read(width), "little")
+        header = ast.literal_eval(handle.read(min(length, _LONGEST_HEADER)).decode("latin-1").strip())
+        dtype, shape, is_fortran = np.lib.format.descr_to_dtype(header["descr"]), tuple(header["shape"]), bool(header["fortran_order"])
+    except (ValueError, SyntaxError, TypeError, KeyError, RecursionError, OverflowError, MemoryError) as error:
+        raise FormatError(f"{where} is no sound NPY array ({' '.join(str(error).split())[:100]}): save it again with numpy.save") from error
     require(not dtype.hasobject, FormatError, f"{where} holds Python objects, which are never loaded: save numbers")
     require(all(isinstance(n, int) and n >= 0 for n in shape), FormatError, f"{where} promises an array of shape {shape}: its header is damaged")
     return dtype, shape, is_fortran, handle.tell()

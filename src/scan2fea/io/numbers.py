@@ -5,6 +5,7 @@ Memory is bounded by the rows asked for: the text itself stays on disk (memory m
 
 from __future__ import annotations
 
+import mmap
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -75,7 +76,7 @@ class TextTable:
     def _convert(self, first: int, last: int, column: int) -> float:
         value = number(self.text[first : min(last, first + 400)].tobytes(), chr(self.point))
         if value is None:
-            token = shown(self.text[first : min(last, first + 40)].tobytes())
+            token = shown(self.text[first : min(last, first + 80)].tobytes())
             name = f" ({self.names[column]})" if column < len(self.names) else ""
             raise FormatError(
                 f"{self.path}, line {line_number(self.text, first)}: {token} in column {column + 1}{name} is not a number: correct or remove the line"
@@ -103,7 +104,7 @@ def flat_numbers(path: Path, text: ByteArray, start: int, stop: int, limit: int)
         for k, _, first, last in odd[:n_odd].tolist():
             value = number(text[first : min(last, first + 400)].tobytes(), ".")
             if value is None:
-                token = shown(text[first : min(last, first + 40)].tobytes())
+                token = shown(text[first : min(last, first + 80)].tobytes())
                 raise FormatError(f"{path}, line {line_number(text, first)}: {token} is not a number: correct or remove the line")
             out[filled + k] = value
         filled += n
@@ -158,3 +159,12 @@ def mapped(path: Path) -> ByteArray:
     """The bytes of a file, mapped rather than read."""
     data: npt.NDArray[np.uint8] = np.memmap(path, np.uint8, "r")
     return data.view(np.ndarray)
+
+
+def forget(data: ByteArray) -> None:
+    """Let the system take back the pages of a mapped file that were read (they are read again where needed), where it has such a call."""
+    base: object = data
+    while isinstance(base, np.ndarray):
+        base = base.base
+    if isinstance(base, mmap.mmap) and hasattr(base, "madvise"):
+        base.madvise(mmap.MADV_DONTNEED)

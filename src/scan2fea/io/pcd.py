@@ -16,7 +16,7 @@ import numpy as np
 
 from scan2fea.errors import EmptyScanError, FormatError, require
 from scan2fea.io import columns
-from scan2fea.io.numbers import TextTable, mapped, number, shown
+from scan2fea.io.numbers import TextTable, forget, mapped, number, shown
 from scan2fea.io.source import ROWS_PER_PIECE, Column, Piece, Source
 from scan2fea.io.tokens import WHITESPACE
 from scan2fea.kernel.jit import jit
@@ -179,6 +179,7 @@ def _ascii(header: _Header, data: ByteArray, wanted: frozenset[str]) -> Iterator
             f"{header.path} promises {header.n} points, but holds {header.n - left}: it is cut off; export it again",
         )
         yield {name: _typed(values[:, k], name, kinds) for k, name in enumerate(names) if name in kinds}
+        forget(data)
 
 
 def _typed(values: FloatArray, name: str, kinds: dict[str, str]) -> Column:
@@ -196,6 +197,7 @@ def _binary(header: _Header, data: ByteArray, wanted: frozenset[str]) -> Iterato
         start = header.start + row * dtype.itemsize
         rows = data[start : start + n * dtype.itemsize].view(dtype)
         yield {field.name: rows[f"f{k}"][:, 0] for k, field in enumerate(header.fields) if field.count}
+        forget(data)
 
 
 def _compressed(header: _Header, data: ByteArray, wanted: frozenset[str]) -> Iterator[dict[str, Column]]:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from scan2fea.errors import FormatError, require
 from scan2fea.io import columns
-from scan2fea.io.numbers import TextTable, flat_numbers, mapped, shown
+from scan2fea.io.numbers import TextTable, flat_numbers, forget, mapped, shown
 from scan2fea.io.polygons import triangulated
 from scan2fea.io.source import ROWS_PER_PIECE, Column, Piece, Source
 from scan2fea.io.tokens import WHITESPACE
@@ -195,6 +195,7 @@ class _Body:
             n = min(ROWS_PER_PIECE, vertex.rows - row)
             rows = self.data[start + row * dtype.itemsize : start + (row + n) * dtype.itemsize].view(dtype)
             yield _piece(vertex, {p.name: rows[f"f{k}"] for k, p in enumerate(vertex.properties)}, wanted)
+            forget(self.data)
 
     def _text(self, vertex: _Element, place: int, wanted: frozenset[str]) -> Iterator[Piece]:
         names = tuple(p.name for p in vertex.properties)
@@ -211,6 +212,7 @@ class _Body:
                 f"{self.header.path} promises {vertex.rows} vertices, but holds {vertex.rows - left}: it is cut off; export it again",
             )
             yield _piece(vertex, {names[j]: values[:, k] for k, j in enumerate(chosen)}, wanted)
+            forget(self.data)
 
     def _listed(self, vertex: _Element, place: int, wanted: frozenset[str]) -> Iterator[Piece]:
         values, starts, counts = self._lists(place)

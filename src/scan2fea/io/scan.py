@@ -88,7 +88,7 @@ def read_scan(path: Path, options: InputOptions = InputOptions()) -> RawScan:
     wanted = _wanted(source, labels)
     limit = int(options.memory_gib * BYTES_PER_GIB / (BYTES_PER_POINT + BYTES_PER_RAY))
     try:
-        gathered = gather(path, _with_sensor(source, wanted, options), wanted, scale, limit, keep_rows=source.faces is not None)
+        gathered = gather(path, lambda: _with_sensor(source, wanted, options), wanted, scale, limit, keep_rows=source.faces is not None)
         mesh = _mesh(path, source, gathered)
     except MemoryError as error:
         raise InputError(f"{path} does not fit into memory: thin it, or lower input.memory_gib") from error

@@ -8,6 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from scan2fea.errors import EmptyScanError, FormatError, InputError, require
 from scan2fea.io.files import replacing
@@ -18,6 +21,7 @@ from scan2fea.units import BYTES_PER_GIB
 
 _LARGEST_TEXT = BYTES_PER_GIB
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_LAST_BIT = 2.0**-23  # of float32, relative
 _VOLUME_TOLERANCE = 1e-5  # a tenth of what a reader of the file is asked to find
 _VERTEX = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)")
 
@@ -32,7 +36,7 @@ def open_stl(path: Path, size: int) -> Source:
         corners = _text(path, size)
     else:
         corners = _binary(path, size, n, head)
-    vertices, faces = merged(corners)
+    vertices, faces = _welded(*merged(corners))
 
     def pieces(wanted: frozenset[str]) -> Iterator[Piece]:
         yield Piece(points=vertices)
@@ -48,6 +52,30 @@ def merged(corners: FloatArray) -> tuple[FloatArray, IntArray]:
     rank = np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order))
     return flat[first[order]], rank[inverse].reshape(-1, 3).astype(np.int64)
+
+
+def _welded(vertices: FloatArray, faces: IntArray) -> tuple[FloatArray, IntArray]:
+    """Join corners on open edges that differ by the last bit of float32, where that takes no triangle away.
+
+    STL repeats the corners of every triangle, and programs that write them from float64 round them apart.
+    """
+    directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    _, inverse, count = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True)
+    rim = np.unique(directed[count[inverse.reshape(-1)] == 1])
+    if len(rim) < 2:
+        return vertices, faces
+    pairs = cKDTree(vertices[rim]).query_pairs(_LAST_BIT * float(np.abs(vertices).max()), output_type="ndarray")
+    if len(pairs) == 0:
+        return vertices, faces
+    joined = coo_matrix((np.ones(len(pairs)), (rim[pairs[:, 0]], rim[pairs[:, 1]])), shape=(len(vertices),) * 2)
+    _, group = connected_components(joined, directed=False)
+    _, first, number = np.unique(group, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # vertices keep their order
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order))
+    welded = rank[number.reshape(-1)][faces]
+    collapsed = (welded[:, [0, 1, 2]] == welded[:, [1, 2, 0]]).any(axis=1) & ~(faces[:, [0, 1, 2]] == faces[:, [1, 2, 0]]).any(axis=1)
+    return (vertices, faces) if bool(collapsed.any()) else (vertices[first[order]], welded.astype(np.int64))
 
 
 def _binary(path: Path, size: int, n: int, head: bytes) -> FloatArray:

@@ -11,7 +11,7 @@ import numpy as np
 
 from scan2fea.errors import EmptyScanError, FormatError, require
 from scan2fea.io import columns
-from scan2fea.io.numbers import TextTable, mapped, number, shown, split_line
+from scan2fea.io.numbers import TextTable, forget, mapped, number, shown, split_line
 from scan2fea.io.source import ROWS_PER_PIECE, Piece, Source
 from scan2fea.io.tokens import WHITESPACE
 from scan2fea.types import ByteArray
@@ -68,6 +68,7 @@ def _pieces(layout: _Layout, wanted: frozenset[str]) -> Iterator[Piece]:
         read += len(values)
         if len(values):
             yield Piece(points=values[:, :3], columns={name: values[:, 3 + k] for k, name in enumerate(others)})
+            forget(table.text)
         if left is not None:
             left -= len(values)
             require(

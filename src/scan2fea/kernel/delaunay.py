@@ -210,13 +210,14 @@ def next_tet(
 @jit
 def walk_votes(
     points: FloatArray, tets: IntArray, neighbors: IntArray, first: IntArray, incident: IntArray,
-    vertex: IntArray, target: FloatArray, weight: FloatArray, softness: float, capacity: FloatArray, source: FloatArray,
+    vertex: IntArray, target: FloatArray, weight: FloatArray, rise: FloatArray, softness: float, capacity: FloatArray, source: FloatArray,
 ) -> None:  # fmt: skip
     """Votes of the sight lines from vertex[k] to target[k] (metres), added to capacity (m, 4) and source (m,) IN PLACE.
 
-    Each facet crossed at distance s adds weight (1 - exp(-s^2 / (2 softness^2))) to the facet of the tet on the TARGET side: the price of
-    that tet being outside while the one on the point's side is inside (Labatut, Pons, Keriven 2009, with direction). The tet that holds
-    the target, or the last one before the hull, gains `weight` as source.
+    Each facet crossed at height z above the point's surface adds weight (1 - exp(-z^2 / (2 softness^2))) to the facet of the tet on the
+    TARGET side: the price of that tet being outside while the one on the point's side is inside (Labatut, Pons, Keriven 2009, with
+    direction, and with height in place of distance: a grazing ray stays in the noise for long). rise[k] : height per metre of the way.
+    The tet that holds the target, or the last one before the hull, gains `weight` as source.
     """
     work, ray = np.zeros(8), np.zeros(6)
     for k in range(len(vertex)):
@@ -234,7 +235,7 @@ def walk_votes(
                 break
             soft = 1.0
             if softness > 0.0:
-                soft = 1.0 - math.exp(-s * s / (2.0 * softness * softness))
+                soft = 1.0 - math.exp(-0.5 * (s * rise[k] / softness) ** 2)
             capacity[other, entry] += weight[k] * soft
             t, facet, s = other, leave, s_next
         if t >= 0:

@@ -17,6 +17,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray
 SAME_SIDE = 0.3  # least cosine between the normals of one side
 SAME_FACE = 0.8  # least cosine between the normals of one face, once they are known
 FLAT_SIGMAS, FLAT_SPACINGS = 1.3, 0.05  # a patch is flat if its residual is below their sum
+SIGN_ROUNDS = 8  # each carries the evidence one radius on
 GLIMPSE = -0.1  # least cosine at which a sensor is believed to see a surface: below, it would look at it from behind
 OPPOSITE = -0.7  # largest cosine between the normals of the two faces of a wall
 AXIS_RADIUS = 1.6  # spacings round the axis in which the other side is looked for
@@ -41,23 +42,45 @@ def side_normals(points: FloatArray, toward: FloatArray, radius_m: float, refits
     return normals
 
 
-def settled_normals(points: FloatArray, normals: FloatArray, toward: FloatArray, radius_m: float, sigma_m: float, spacing_m: float) -> FloatArray:
-    """The normals (n, 3) made sure of where a single point cannot be: at grazing incidence and at creases.
+def spread_evidence(points: FloatArray, normals: FloatArray, evidence: FloatArray, radius_m: float, thickness_m: float) -> FloatArray:
+    """(n,) the evidence for the sign of each normal, averaged along its sheet: the points within `thickness_m` of each other's tangent planes.
 
-    Signs: a point seen at grazing incidence does not know its side, noise decides. Each point takes the sum of what its neighbours see,
-    |n.U| strong, counting those that lie on its own tangent plane within the noise, and those on flat patches most.
-    Creases: the plane through points of two faces is neither, and a sensor may see one face from behind the other. Where the patch is
-    not flat, the point takes the normal of the flat neighbour whose plane it lies on best, among those its own sensor can see.
-    toward : (n, 3) unit vectors U on the outer side.
+    evidence : (n,) for each point alone, such as the cosine n.U at which it was seen; negative where the normal should be turned.
+    """
+    first, index = radius_lists(points, radius_m)
+    xyz, axes, out = np.ascontiguousarray(points, float), np.ascontiguousarray(normals, float), np.ascontiguousarray(evidence, float)
+    for _ in range(SIGN_ROUNDS):
+        out = _spread_evidence(xyz, axes, out, first, index, radius_m, thickness_m)
+    return out
+
+
+def opposed_evidence(points: FloatArray, normals: FloatArray, sure: BoolArray, spacing_m: float, reach_m: float, thickness_m: float) -> FloatArray:
+    """(n,) evidence for the sign of each unsure normal from the sheets before and behind it, in [-2, 2]; 0 where there are none, or where sure.
+
+    Along a line through a solid its faces alternate: whichever way one looks from a face, out through the air or in through the wall, the next
+    face met has the opposite normal. Sheets of sure points within `reach_m` of the axis count, beyond `thickness_m` from the point.
+    """
+    xyz, axes = np.ascontiguousarray(points, float), np.ascontiguousarray(normals, float)
+    return _opposed(xyz, axes, sure, xyz.min(axis=0), AXIS_RADIUS * spacing_m, reach_m, thickness_m)
+
+
+def is_flat(points: FloatArray, normals: FloatArray, radius_m: float, sigma_m: float, spacing_m: float) -> BoolArray:
+    """(n,) True where the neighbours of the same side lie on one plane within the noise."""
+    first, index = radius_lists(points, radius_m)
+    _, rms = _fit(np.ascontiguousarray(points, float), np.ascontiguousarray(normals, float), first, index, radius_m, SAME_SIDE)
+    return np.asarray(rms <= FLAT_SIGMAS * sigma_m + FLAT_SPACINGS * spacing_m)
+
+
+def crease_normals(points: FloatArray, normals: FloatArray, toward: FloatArray, radius_m: float, flat: BoolArray, thickness_m: float) -> FloatArray:
+    """The normals (n, 3) with those at creases replaced: the plane through points of two faces is neither of them.
+
+    Where the patch is not flat, the point takes the normal of the flat neighbour whose plane it lies on best, within `thickness_m`,
+    among those that can be seen from `toward`; then all are fitted again, each on its own face.
     """
     first, index = radius_lists(points, radius_m)
     xyz, seen = np.ascontiguousarray(points, float), np.ascontiguousarray(toward, float)
-    _, rms = _fit(xyz, normals, first, index, radius_m, SAME_SIDE)
-    flat = rms <= FLAT_SIGMAS * sigma_m + FLAT_SPACINGS * spacing_m
-    thickness = 1.5 * sigma_m + FLAT_SPACINGS * spacing_m
-    signed = normals * _agreed(xyz, normals, seen, flat, first, index, radius_m, thickness)[:, None]
-    settled = _of_best_plane(xyz, signed, seen, flat, first, index, radius_m, thickness)
-    return _signed(_fit(xyz, settled, first, index, radius_m, SAME_FACE)[0], settled)
+    chosen = _of_best_plane(xyz, np.ascontiguousarray(normals, float), seen, flat, first, index, radius_m, thickness_m)
+    return _signed(_fit(xyz, chosen, first, index, radius_m, SAME_FACE)[0], chosen)
 
 
 def wall_depth(points: FloatArray, normals: FloatArray, spacing_m: float, reach_m: float, outward: bool = False) -> FloatArray:
@@ -144,27 +167,26 @@ def _covariances(points: FloatArray, normals: FloatArray, first: IntArray, index
 
 
 @jit
-def _agreed(
-    points: FloatArray, normals: FloatArray, toward: FloatArray, flat: BoolArray,
-    first: IntArray, index: IntArray, radius: float, thickness: float,
-) -> FloatArray:  # fmt: skip
-    """(n,) 1 where the neighbours agree with the sign of the normal, else -1."""
-    out = np.ones(len(points))
+def _spread_evidence(
+    points: FloatArray, normals: FloatArray, evidence: FloatArray, first: IntArray, index: IntArray, radius: float, thickness: float
+) -> FloatArray:
+    """(n,) mean of the evidence for the sign of each normal over the neighbours on its own tangent plane, carried over with n_i.n_j."""
+    out = evidence.copy()
     for p in range(len(points)):
-        total = 0.0
+        total = weights = 0.0
         for o in range(first[p], first[p + 1]):
             q = index[o]
-            r2 = height = cosine = seen = 0.0
+            r2 = height = cosine = 0.0
             for a in range(3):
                 d = points[q, a] - points[p, a]
                 r2 += d * d
                 height += d * normals[p, a]
                 cosine += normals[q, a] * normals[p, a]
-                seen += normals[q, a] * toward[q, a]
-            trust = 1.0 if flat[q] else 0.1
-            total += trust * cosine * seen * math.exp(-2.0 * r2 / (radius * radius) - 0.5 * (height / thickness) ** 2)
-        if total < 0.0:
-            out[p] = -1.0
+            w = math.exp(-2.0 * r2 / (radius * radius) - 0.5 * (height / thickness) ** 2)
+            total += w * cosine * evidence[q]
+            weights += w * abs(cosine)
+        if weights > 0.0:
+            out[p] = total / weights
     return out
 
 
@@ -197,40 +219,68 @@ def _of_best_plane(
 
 
 @jit
-def _depths(points: FloatArray, normals: FloatArray, low: FloatArray, radius: float, reach: float, sign: float) -> FloatArray:
-    """Layer by layer along the axis, one layer as thick as the radius; cells large enough that a layer needs only its 27 cells."""
-    n = len(points)
-    _, cells, table, order, start = _sorted_into_cells(points, low, 1.2 * radius)  # sqrt(1 + 0.5^2) radius < 1.2 radius
-    out = np.full(n, np.nan)
-    depths = np.zeros(4096)
-    for p in range(n):
-        ax, ay, az = sign * normals[p, 0], sign * normals[p, 1], sign * normals[p, 2]
-        found = 0
-        layer = 0
-        last = -1
-        while layer * radius < reach and (last < 0 or layer == last + 1):
-            middle = (layer + 0.5) * radius
-            i0 = np.int64(math.floor((points[p, 0] + middle * ax - low[0]) / (1.2 * radius)))
-            j0 = np.int64(math.floor((points[p, 1] + middle * ay - low[1]) / (1.2 * radius)))
-            k0 = np.int64(math.floor((points[p, 2] + middle * az - low[2]) / (1.2 * radius)))
-            for cell in range(27):
-                other = table[_slot_of(i0 + cell // 9 - 1, j0 + (cell // 3) % 3 - 1, k0 + cell % 3 - 1, cells, table)]
-                if other < 0:
+def _first_layer(
+    points: FloatArray, normals: FloatArray, wanted: BoolArray, p: int, sign: float,
+    cells: IntArray, table: IntArray, order: IntArray, start: IntArray, low: FloatArray,
+    radius: float, least: float, reach: float, largest_cosine: float, depths: FloatArray,
+) -> tuple[int, float]:  # fmt: skip
+    """Points met along sign * normal of p: how many (their depths in `depths`) and the sum of their n.n_p.
+
+    Layers as thick as the radius are searched until one, and the one after it, have given all `wanted` points with n.n_p < largest_cosine; cells
+    of 1.2 radii are large enough (sqrt(1 + 0.5^2) < 1.2) that a layer needs only its 27.
+    """
+    edge = 1.2 * radius
+    ax, ay, az = sign * normals[p, 0], sign * normals[p, 1], sign * normals[p, 2]
+    found, last, layer, total = 0, -1, 0, 0.0
+    while layer * radius < reach and (last < 0 or layer == last + 1):
+        middle = (layer + 0.5) * radius
+        i0 = np.int64(math.floor((points[p, 0] + middle * ax - low[0]) / edge))
+        j0 = np.int64(math.floor((points[p, 1] + middle * ay - low[1]) / edge))
+        k0 = np.int64(math.floor((points[p, 2] + middle * az - low[2]) / edge))
+        for cell in range(27):
+            other = table[_slot_of(i0 + cell // 9 - 1, j0 + (cell // 3) % 3 - 1, k0 + cell % 3 - 1, cells, table)]
+            if other < 0:
+                continue
+            for o in range(start[other], start[other + 1]):
+                q = order[o]
+                cosine = normals[p, 0] * normals[q, 0] + normals[p, 1] * normals[q, 1] + normals[p, 2] * normals[q, 2]
+                if cosine >= largest_cosine or not wanted[q]:
                     continue
-                for o in range(start[other], start[other + 1]):
-                    q = order[o]
-                    cosine = normals[p, 0] * normals[q, 0] + normals[p, 1] * normals[q, 1] + normals[p, 2] * normals[q, 2]
-                    if cosine >= OPPOSITE:
-                        continue
-                    x, y, z = points[q, 0] - points[p, 0], points[q, 1] - points[p, 1], points[q, 2] - points[p, 2]
-                    depth = x * ax + y * ay + z * az
-                    across = x * x + y * y + z * z - depth * depth
-                    if depth > layer * radius and depth <= min((layer + 1) * radius, reach) and across <= radius * radius and found < 4096:
-                        depths[found] = depth
-                        found += 1
-            if found > 0 and last < 0:
-                last = layer
-            layer += 1
+                x, y, z = points[q, 0] - points[p, 0], points[q, 1] - points[p, 1], points[q, 2] - points[p, 2]
+                depth = x * ax + y * ay + z * az
+                across = x * x + y * y + z * z - depth * depth
+                inside = depth > max(layer * radius, least) and depth <= min((layer + 1) * radius, reach) and across <= radius * radius
+                if inside and found < len(depths):
+                    depths[found] = depth
+                    found += 1
+                    total += cosine
+        if found > 0 and last < 0:
+            last = layer
+        layer += 1
+    return found, total
+
+
+@jit
+def _depths(points: FloatArray, normals: FloatArray, low: FloatArray, radius: float, reach: float, sign: float) -> FloatArray:
+    _, cells, table, order, start = _sorted_into_cells(points, low, 1.2 * radius)
+    out, depths, all_wanted = np.full(len(points), np.nan), np.zeros(4096), np.ones(len(points), np.bool_)
+    for p in range(len(points)):
+        found, _ = _first_layer(points, normals, all_wanted, p, sign, cells, table, order, start, low, radius, 0.0, reach, OPPOSITE, depths)
         if found > 0:
             out[p] = np.median(depths[:found])
+    return out
+
+
+@jit
+def _opposed(points: FloatArray, normals: FloatArray, sure: BoolArray, low: FloatArray, radius: float, reach: float, thickness: float) -> FloatArray:
+    _, cells, table, order, start = _sorted_into_cells(points, low, 1.2 * radius)
+    out, depths = np.zeros(len(points)), np.zeros(4096)
+    for p in range(len(points)):
+        if sure[p]:
+            continue
+        for way in range(2):
+            sign = 1.0 - 2.0 * way
+            found, total = _first_layer(points, normals, sure, p, sign, cells, table, order, start, low, radius, thickness, reach, 2.0, depths)
+            if found > 0:
+                out[p] -= total / found
     return out

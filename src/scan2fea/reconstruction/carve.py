@@ -57,7 +57,7 @@ def carve(
     tetra = tetrahedralise(clean.points, spacing_m, seed)
     votes = gather_votes(tetra, clean.normals, targets, clean.residual_m, thickness, spacing_m)
     extra = None if prior is None else prior(tetra)
-    labels = cut(tetra, votes, extra, quality_weight)
+    labels = cut(tetra, votes, spacing_m, extra, quality_weight)
     source = votes.source if extra is None else votes.source + extra
     resolved = resolve(tetra, labels.inside, votes.capacity, source, votes.sink, spacing_m)
     mesh, vertex_point = boundary(tetra, resolved.inside)

@@ -16,6 +16,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 NEVER = 1e9  # capacity of what must not be cut
 LEAST_DEPTH = 0.02  # of the spacing: the inward vote starts at least this deep
+AREA_PRICE = 0.1  # of a facet of one square spacing, against the shape cost of a facet
 WALL_SHARE = 0.45  # of the local thickness: the inward vote stays on its own side of the wall
 HELD = 0.5  # share of inward votes the result must respect: below it the surface has collapsed
 HALVINGS = 8
@@ -59,9 +60,12 @@ def gather_votes(
     capacity, source, sink = np.zeros((m, 4)), np.zeros(m), np.zeros(m)
     first, incident = tetra.incidence()
     seen = np.flatnonzero(np.isfinite(targets).all(axis=1))
-    walk_votes(tetra.points, tetra.tets, tetra.neighbors, first, incident, seen, targets[seen], weight[seen], float(softness_m), capacity, source)
+    way = targets[seen] - tetra.points[seen]
+    rise = np.abs(np.einsum("ij,ij->i", way, normals[seen])) / np.maximum(np.linalg.norm(way, axis=1), np.finfo(float).tiny)
+    graph = (tetra.points, tetra.tets, tetra.neighbors, first, incident)
+    walk_votes(*graph, seen, targets[seen], weight[seen], rise, float(softness_m), capacity, source)
     depth = np.maximum(np.fmin(2.0 * softness_m, WALL_SHARE * thickness_m), LEAST_DEPTH * spacing_m)
-    under = tet_at(tetra.points, tetra.tets, tetra.neighbors, first, incident, np.arange(n), np.ascontiguousarray(-normals), depth)
+    under = tet_at(*graph, np.arange(n), np.ascontiguousarray(-normals), depth)
     np.add.at(sink, under[under >= 0], weight[under >= 0])
     sink[tetra.is_box] = 0.0
     return Votes(capacity=capacity, source=source, sink=sink)
@@ -90,9 +94,19 @@ def _across(tetra: Tetrahedralisation) -> IntArray:
     return back
 
 
+def area_cost(tetra: Tetrahedralisation, spacing_m: float) -> FloatArray:
+    """(m, 4) area of each facet in square spacings: what keeps a single wrong vote from raising a spike."""
+    area = np.zeros((len(tetra), 4))
+    for i in range(4):
+        a, b, c = (tetra.points[tetra.tets[:, FACETS[i, j]]] for j in range(3))
+        area[:, i] = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return area / spacing_m**2
+
+
 def cut(
     tetra: Tetrahedralisation,
     votes: Votes,
+    spacing_m: float,
     extra_source: FloatArray | None = None,
     quality_weight: float = 0.3,
 ) -> Cut:
@@ -104,7 +118,7 @@ def cut(
     """
     source = votes.source + (0.0 if extra_source is None else extra_source)
     across = _across(tetra)
-    cost = facet_cost(tetra, across)
+    cost = facet_cost(tetra, across) + AREA_PRICE * area_cost(tetra, spacing_m)
     i, facet = (np.asarray(x, np.int64) for x in np.nonzero(tetra.neighbors > np.arange(len(tetra))[:, None]))
     j, back = tetra.neighbors[i, facet], across[i, facet]
     forward, reverse, shape = votes.capacity[i, facet], votes.capacity[j, back], cost[i, facet]

@@ -12,12 +12,26 @@ import numpy as np
 
 from scan2fea.kernel.jit import jit
 from scan2fea.kernel.noise import noise_sigma
-from scan2fea.kernel.side_normals import SAME_SIDE, radius_lists, settled_normals, side_normals
-from scan2fea.types import FloatArray, IntArray, Value
+from scan2fea.kernel.side_normals import (
+    FLAT_SPACINGS,
+    SAME_SIDE,
+    crease_normals,
+    is_flat,
+    opposed_evidence,
+    radius_lists,
+    side_normals,
+    spread_evidence,
+)
+from scan2fea.kernel.winding import layout, winding
+from scan2fea.reconstruction.winding import SOFTENING, plain_areas
+from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 NORMAL_RADIUS = 2.5  # spacings
 QUIET = 0.01  # of the spacing: noise below this is left alone
 NORMAL_ROUNDS, POINT_ROUNDS = 5, 3
+GRAZING = 0.1  # mean cosine of the sight lines below which a sheet's side is taken from the sheets that face it
+WINDING_ROUNDS = 4
+OPPOSED_ROUNDS, OPPOSED_REACH = 3, 30.0  # spacings
 CLIP = 3.5  # sigma: a neighbour farther than this off the surface is of another one
 
 
@@ -42,13 +56,44 @@ def first_normals(points: FloatArray, toward: FloatArray, spacing_m: float) -> t
         normals = side_normals(points, toward, radius)
         sigma = noise_sigma(points, normals)
         if math.isfinite(sigma):
-            normals = settled_normals(points, normals, toward, radius, sigma, spacing_m)
+            normals = _settled(points, normals, toward, radius, sigma, spacing_m)
             sigma = noise_sigma(points, normals)
         wider = min(4.0 * sigma, 6.0 * spacing_m) if math.isfinite(sigma) else 6.0 * spacing_m
         if wider <= 1.1 * radius:
             break
         radius = wider
     return normals, sigma if math.isfinite(sigma) else radius / 4.0
+
+
+def _settled(points: FloatArray, normals: FloatArray, toward: FloatArray, radius: float, sigma: float, spacing_m: float) -> FloatArray:
+    """Signs by what the whole sheet sees, by the rest of the surface where that is too little; creases given to one of their faces."""
+    thickness = 1.5 * sigma + FLAT_SPACINGS * spacing_m
+    flat = is_flat(points, normals, radius, sigma, spacing_m)
+    own = np.einsum("ij,ij->i", normals, toward) * np.where(flat, 1.0, 0.1)
+    evidence = spread_evidence(points, normals, own, radius, thickness)
+    signed = np.where(evidence[:, None] < 0, -normals, normals)
+    for _ in range(OPPOSED_ROUNDS):
+        sure = np.abs(evidence) >= GRAZING
+        if sure.all():
+            break
+        told = opposed_evidence(points, signed, sure, spacing_m, OPPOSED_REACH * spacing_m, 2.0 * thickness)
+        told = np.where(sure, np.minimum(np.abs(evidence), 1.0), told)  # in the frame of `signed`, sure normals speak for themselves
+        evidence = spread_evidence(points, signed, told, radius, thickness)
+        signed = np.where(evidence[:, None] < 0, -signed, signed)
+        evidence = np.abs(evidence)
+    return crease_normals(points, _by_winding(points, signed, evidence < GRAZING, spacing_m), toward, radius, flat, thickness)
+
+
+def _by_winding(points: FloatArray, normals: FloatArray, doubtful: BoolArray, spacing_m: float) -> FloatArray:
+    """The normals, doubtful ones turned to where the winding number of all others falls."""
+    if not doubtful.any() or doubtful.all():
+        return normals
+    axis, now = normals[doubtful], np.where(doubtful[:, None], 0.0, normals)
+    tree, area = layout(points), plain_areas(points)
+    for _ in range(WINDING_ROUNDS):
+        outward = winding(tree, now, area, SOFTENING * spacing_m, points[doubtful])[1]
+        now[doubtful] = np.where(np.einsum("ij,ij->i", outward, axis)[:, None] < 0, -axis, axis)
+    return now
 
 
 def denoise(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_m: float) -> Denoised:

@@ -8,12 +8,15 @@ import numpy as np
 
 from scan2fea.errors import MeshingError, require
 from scan2fea.kernel.distances import PointToMesh
-from scan2fea.kernel.measures import extent, volume
+from scan2fea.kernel.measures import volume
 from scan2fea.kernel.predicates import self_intersections
-from scan2fea.kernel.primitives import Plane
+from scan2fea.kernel.primitives import Plane, meeting_point
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.options import option
+from scan2fea.remeshing.creases import Flattened, flattened
+from scan2fea.remeshing.find import find_planes
 from scan2fea.remeshing.isotropic import Guide, closed, crease_guide, isotropic, opened, sharp_edges
+from scan2fea.remeshing.planes import Neighbours, scale_of
 from scan2fea.remeshing.sizing import edge_goal
 from scan2fea.types import TriangleMesh, Value
 
@@ -27,6 +30,7 @@ class RemeshOptions:
 
     edge_m: float | None = option(None, "edge length of the triangles; from the data: twice the point spacing", unit="m", minimum=0)
     max_faces: int = option(16_000, "edges are made longer where the surface would take more faces than this", unit="faces", minimum=100)
+    planes: bool = option(True, "find planes, make them exactly flat and their creases straight")
     rounds: int = option(6, "rounds of split, collapse, flip and smooth; 0 leaves the triangles as they are", unit="rounds", minimum=0, maximum=50)
 
 
@@ -54,9 +58,9 @@ def remesh(mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spac
     """
     require(surface_topology(mesh).is_clean, MeshingError, "remeshing needs a closed manifold surface: repair it first")
     require(not len(self_intersections(mesh)), MeshingError, "remeshing needs a surface whose faces do not cross: repair it first")
-    planes: tuple[Plane, ...] = ()
-    flat = mesh
     edge = options.edge_m if options.edge_m else EDGE_SPACINGS * spacing_m
+    found = _flat(mesh, options, spacing_m, sigma_m, edge)
+    flat, planes = found.mesh, found.planes
     is_sharp = sharp_edges(flat, CREASE_DEG if sigma_m < 0.01 * spacing_m else 180.0)
     goal = edge_goal(flat, is_sharp, edge, min(spacing_m, edge), options.max_faces)
     guide = Guide(
@@ -66,7 +70,7 @@ def remesh(mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spac
         drift_m=max(sigma_m, 0.3 * spacing_m),
     )
     work, taken_back = isotropic(opened(flat, is_sharp, goal), guide, options.rounds)
-    result = closed(work)
+    result = on_planes(closed(work), planes)
     moved = PointToMesh(result).nearest(mesh.vertices).distance
     return Remeshed(
         mesh=result,
@@ -79,6 +83,30 @@ def remesh(mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spac
     )
 
 
-def size_of(mesh: TriangleMesh) -> float:
-    """Diagonal of the box around the mesh, metres."""
-    return extent(mesh.vertices)
+def _flat(mesh: TriangleMesh, options: RemeshOptions, spacing_m: float, sigma_m: float, edge_m: float) -> Flattened:
+    """`mesh` with its planes found and made flat, or as it is."""
+    if not options.planes:
+        region = np.full(len(mesh.faces), -1, np.int64)
+        return Flattened(mesh=TriangleMesh(vertices=mesh.vertices, faces=mesh.faces, face_region=region), planes=(), n_undone=0)
+    neighbours = Neighbours(mesh)
+    scale = scale_of(mesh, neighbours, spacing_m, sigma_m)
+    return flattened(mesh, neighbours, find_planes(mesh, neighbours, scale), scale, edge_m)
+
+
+def on_planes(mesh: TriangleMesh, planes: tuple[Plane, ...]) -> TriangleMesh:
+    """Every vertex of a region put onto its plane to the last digit; those of several regions onto their line or point."""
+    if mesh.face_region is None or not planes:
+        return mesh
+    pairs = np.unique(np.stack([mesh.faces.ravel(), np.repeat(mesh.face_region, 3)], axis=1), axis=0)
+    pairs = pairs[pairs[:, 1] >= 0]
+    start = np.searchsorted(pairs[:, 0], np.arange(len(mesh.vertices) + 1))
+    n_planes = np.diff(start)
+    points = mesh.vertices.copy()
+    normal, offset = np.array([plane.normal for plane in planes]), np.array([plane.offset for plane in planes])
+    one = np.flatnonzero(n_planes == 1)
+    name = pairs[start[one], 1]
+    for _ in range(2):
+        points[one] -= (np.einsum("ij,ij->i", points[one], normal[name]) - offset[name])[:, None] * normal[name]
+    for v in np.flatnonzero(n_planes > 1):
+        points[v] = meeting_point([planes[k] for k in pairs[start[v] : start[v + 1], 1]], points[v])
+    return TriangleMesh(vertices=points, faces=mesh.faces, face_region=mesh.face_region)

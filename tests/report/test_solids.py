@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import io
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from report.fake_out import angle_solid
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.report.camera import look_at
-from scan2fea.report.solids import Solid, cut_figure, displacement_figure, mode_figure, quality_charts, worst_elements
+from scan2fea.report.solids import Solid, _cut, cut_figure, displacement_figure, mode_figure, quality_charts, worst_elements
 from scan2fea.types import TriangleMesh
 
 ANGLE = angle_solid()
@@ -59,6 +61,17 @@ def test_cut_of_a_stout_and_of_a_slender_thing():
     long = replace(ANGLE, nodes=(ANGLE.nodes - ANGLE.nodes[0]) @ np.linalg.svd(ANGLE.nodes - ANGLE.nodes.mean(0))[2].T * [8, 1, 1])
     slender = cut_figure(long, look_at(long.nodes, width_px=240))
     assert "Cut across" in slender.caption and slender.scale_m_per_px < look_at(long.nodes, width_px=240).m_per_px / 2
+
+
+def test_a_tilted_plate_is_cut_through_its_thickness_and_half_of_it_is_shown():
+    side = (ANGLE.nodes - ANGLE.nodes[0]) @ np.linalg.svd(ANGLE.nodes - ANGLE.nodes.mean(0))[2].T
+    tilt = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
+    plate = replace(ANGLE, nodes=side * [1.0, 2.0, 0.1] @ tilt)
+    camera = look_at(plate.nodes, width_px=240)
+    normal, across, _ = _cut(plate.nodes, camera)
+    assert not across and abs(normal @ tilt[2]) < 0.1 and normal @ camera.axes[2] > 0
+    picture = np.asarray(Image.open(io.BytesIO(cut_figure(plate, camera).png)).convert("RGB")).astype(int)
+    assert (np.abs(picture - 250).max(axis=2) > 30).mean() > 0.05
 
 
 def test_displacement_and_modes_state_their_factor():

@@ -101,10 +101,10 @@ def origin_figure(surface: TriangleMesh, camera: Camera) -> Figure | None:
 
 
 def plain_figure(surface: TriangleMesh, camera: Camera) -> Figure:
-    """The surface as it is, where nothing is known of its faces: what there was when the object failed."""
+    """The surface as it is, where nothing is known of its faces: one that was given, or what there was when the conversion stopped."""
     shape = Shape(vertices=surface.vertices, faces=surface.faces)
-    caption = f"The surface when the conversion stopped: {len(surface.faces):,} triangles."
-    return drawn("Surface so far", f"The surface of {len(surface.faces):,} triangles.", caption, camera, render(camera, (shape,)))
+    caption = f"The last surface that was made: {len(surface.faces):,} triangles."
+    return drawn("Surface", f"The surface of {len(surface.faces):,} triangles.", caption, camera, render(camera, (shape,)))
 
 
 def deviation_figure(surface: TriangleMesh, camera: Camera, sigma_m: float | None) -> Figure | None:
@@ -199,7 +199,7 @@ def _some(cloud: PointCloud, at_most: int) -> FloatArray:
 
 def _dots(points: FloatArray, colours: ByteArray, camera: Camera) -> Dots:
     distance = spacing(points) if len(points) > 1 else 0.0
-    radius = float(np.clip(DISC_SPACINGS * distance / camera.m_per_px, 0.8, 5.0)) if np.isfinite(distance) else 1.5
+    radius = float(np.clip(DISC_SPACINGS * distance / camera.m_per_px, 0.8, 4.0)) if np.isfinite(distance) else 1.5
     return Dots(points=points, colours=colours, radius_px=radius)
 
 

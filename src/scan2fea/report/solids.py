@@ -54,11 +54,11 @@ class Solid(Value):
 
 
 def cut_figure(solid: Solid, camera: Camera) -> Figure:
-    """The tets on the far side of a plane through the centroid, coloured by their smallest dihedral angle."""
+    """The tets on the far side of a plane through the middle, coloured by their smallest dihedral angle."""
     centre = solid.nodes[solid.tets[:, :4]].mean(axis=1)
-    middle = np.median(centre, axis=0)
     normal, across, width = _cut(solid.nodes[np.unique(solid.tets[:, :4])], camera)
-    depth = (centre - middle) @ normal
+    along = centre @ normal
+    depth = along - np.median(along)  # half of the elements on either side, wherever the material is
     kept = depth <= 0
     view = camera
     if across:
@@ -71,7 +71,7 @@ def cut_figure(solid: Solid, camera: Camera) -> Figure:
         gradient(VIRIDIS), "0\u00b0 (flat)", "", f"{number(BEST_DIHEDRAL, 3)}\u00b0 (regular)", "Smallest dihedral angle of each element"
     )
     caption = f"{'Cut across the middle, the part behind it shown' if across else 'Cut through the middle'}: {len(solid.tets):,} tetrahedra in all."
-    alt = f"The tetrahedra behind a plane through the centroid; smallest dihedral angle {number(float(angle.min()))} degrees."
+    alt = f"The tetrahedra behind a plane through the middle; smallest dihedral angle {number(float(angle.min()))} degrees."
     return drawn("Inside the mesh", alt, caption, view, render(view, (shape,)), legend)
 
 
@@ -158,8 +158,8 @@ def _cut(points: FloatArray, camera: Camera) -> tuple[FloatArray, bool, float]:
     extent = np.ptp(centred @ axes.T, axis=0)
     towards = camera.axes[2]
     across = bool(extent[0] > SLENDER * extent[1])
-    facing = np.abs(axes @ towards)
-    normal = axes[0] if across else axes[int(np.argmax(facing))]
+    sensible = axes[:2] if extent[1] > SLENDER * extent[2] else axes  # a plate is cut through its thickness, not along its middle plane
+    normal = axes[0] if across else sensible[int(np.argmax(np.abs(sensible @ towards)))]
     return normal * (1.0 if normal @ towards >= 0 else -1.0), across, float(extent[1])
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from scan2fea.errors import EmptyScanError, FormatError, require
 from scan2fea.io.lascrs import crs_of
+from scan2fea.io.laszip import LASZIP, require_sound_chunks
 from scan2fea.io.source import ROWS_PER_PIECE, Column, Piece, Source
 from scan2fea.types import ByteArray, FloatArray
 
@@ -24,7 +25,6 @@ _RECORD_BYTES = (20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67)
 _RED = {2: 20, 3: 28, 5: 28, 7: 30, 8: 30, 10: 30}
 _GPS_TIME = {1: 20, 3: 20, 4: 20, 5: 20, 6: 22, 7: 22, 8: 22, 9: 22, 10: 22}
 _EXTRA_TYPES = ("", "u1", "i1", "<u2", "<i2", "<u4", "<i4", "<u8", "<i8", "<f4", "<f8")
-_VARIABLE_CHUNKS = 0xFFFFFFFF
 _LONGEST_VLR = 1 << 24
 
 
@@ -49,7 +49,7 @@ def open_las(path: Path, size: int) -> Source:
         header = _header(path, size, handle)
         crs = crs_of(header.records)
         if header.is_compressed and header.n:
-            _require_laszip(header, handle)
+            require_sound_chunks(path, size, handle, header.start, header.n, header.row_bytes, header.records.get(LASZIP, b""))
     if header.n == 0:
         raise EmptyScanError(f"{path} promises 0 points: export it again")
     dtype = _dtype(header)
@@ -170,7 +170,7 @@ def _packed_records(header: _Header) -> Iterator[ByteArray]:
         handle.seek(header.start)
         read = 0
         try:
-            decompressor = lazrs.LasZipDecompressor(handle, header.records["laszip encoded", 22204])
+            decompressor = lazrs.LasZipDecompressor(handle, header.records[LASZIP])
             while read < header.n:
                 raw = np.empty(min(ROWS_PER_PIECE, header.n - read) * header.row_bytes, np.uint8)
                 decompressor.decompress_many(raw)
@@ -178,37 +178,3 @@ def _packed_records(header: _Header) -> Iterator[ByteArray]:
                 yield raw
         except (lazrs.LazrsError, OSError, ValueError, RuntimeError) as error:
             raise FormatError(f"{header.path} is cut off or damaged after point {read} of {header.n} ({error}): copy it again") from error
-
-
-def _require_laszip(header: _Header, handle: IO[bytes]) -> None:
-    """Check the record that says how the points are packed, and the table of chunks, before lazrs is asked."""
-    path = header.path
-    how = header.records.get(("laszip encoded", 22204), b"")
-    require(len(how) >= 34, FormatError, f"{path} is compressed, but its LASzip record is missing or cut off: copy it again")
-    chunk_size, n_items = struct.unpack_from("<I", how, 12)[0], struct.unpack_from("<H", how, 32)[0]
-    items = [struct.unpack_from("<HHH", how, 34 + 6 * k) for k in range(min(n_items, (len(how) - 34) // 6))]
-    packed = sum(size for _, size, _ in items)
-    require(
-        len(items) == n_items and packed == header.row_bytes and chunk_size > 0,
-        FormatError,
-        f"{path}: its LASzip record describes {packed} bytes per point in {n_items} items, the header {header.row_bytes}: it is damaged",
-    )
-    handle.seek(header.start)
-    table = int.from_bytes(handle.read(8), "little", signed=True)
-    if table == -1:  # written by a stream that could not go back: the place stands at the end of the file
-        handle.seek(header.size - 8)
-        table = int.from_bytes(handle.read(8), "little", signed=True)
-    require(
-        header.start + 8 <= table <= header.size - 8,
-        FormatError,
-        f"{path}: its table of chunks should lie at byte {table} of {header.size}: it is cut off or damaged",
-    )
-    handle.seek(table)
-    _, n_chunks = struct.unpack("<II", handle.read(8))
-    most = header.n if chunk_size == _VARIABLE_CHUNKS else -(-header.n // chunk_size)
-    least = 1 if chunk_size == _VARIABLE_CHUNKS else most
-    require(
-        least <= n_chunks <= most and n_chunks <= header.size,
-        FormatError,
-        f"{path} promises {header.n} points, but its table lists {n_chunks} chunks where {most} are needed: it is cut off or damaged",
-    )

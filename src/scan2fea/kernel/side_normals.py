@@ -7,12 +7,13 @@ from. Every fit here uses only neighbours whose normals agree (n_i.n_j > SAME_SI
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from scan2fea.kernel.jit import jit
 from scan2fea.kernel.neighbors import _slot_of, _sorted_into_cells
-from scan2fea.types import BoolArray, FloatArray, IntArray
+from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 SAME_SIDE = 0.3  # least cosine between the normals of one side
 SAME_FACE = 0.8  # least cosine between the normals of one face, once they are known
@@ -23,34 +24,42 @@ OPPOSITE = -0.7  # largest cosine between the normals of the two faces of a wall
 AXIS_RADIUS = 1.6  # spacings round the axis in which the other side is looked for
 
 
-def radius_lists(points: FloatArray, radius_m: float) -> tuple[IntArray, IntArray]:
-    """(first (n + 1,), index): the points within `radius_m` of point i, itself among them, are index[first[i]:first[i + 1]]."""
-    xyz = np.ascontiguousarray(points, float)
-    return _lists(xyz, xyz.min(axis=0), float(radius_m))
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Near(Value):
+    """points : (n, 3). Those within `radius_m` of point i, itself among them, are index[first[i]:first[i + 1]]."""
+
+    points: FloatArray
+    radius_m: float
+    first: IntArray
+    index: IntArray
 
 
-def side_normals(points: FloatArray, toward: FloatArray, radius_m: float, refits: int = 2) -> FloatArray:
-    """Unit normals (n, 3) by least squares on neighbours of the same side within `radius_m`, weight exp(-2 r^2 / R^2).
+def near_lists(points: FloatArray, radius_m: float) -> Near:
+    """The neighbours of every point within a radius."""
+    xyz = np.array(points, float)
+    first, index = _lists(xyz, xyz.min(axis=0), float(radius_m))
+    return Near(points=xyz, radius_m=float(radius_m), first=first, index=index)
+
+
+def side_normals(near: Near, toward: FloatArray, refits: int = 2) -> FloatArray:
+    """Unit normals (n, 3) by least squares on neighbours of the same side within the radius, weight exp(-2 r^2 / R^2).
 
     toward : (n, 3) any vector on the outer side of each point's surface (to the sensor, or a normal); it gives the sign.
     """
-    first, index = radius_lists(points, radius_m)
-    xyz = np.ascontiguousarray(points, float)
-    normals = _signed(_fit(xyz, np.zeros_like(xyz), first, index, radius_m, -1.0)[0], toward)
+    normals = _signed(_fit(near, np.zeros_like(near.points), -1.0)[0], toward)
     for _ in range(refits):
-        normals = _signed(_fit(xyz, normals, first, index, radius_m, SAME_SIDE)[0], normals)
+        normals = _signed(_fit(near, normals, SAME_SIDE)[0], normals)
     return normals
 
 
-def spread_evidence(points: FloatArray, normals: FloatArray, evidence: FloatArray, radius_m: float, thickness_m: float) -> FloatArray:
+def spread_evidence(near: Near, normals: FloatArray, evidence: FloatArray, thickness_m: float) -> FloatArray:
     """(n,) the evidence for the sign of each normal, averaged along its sheet: the points within `thickness_m` of each other's tangent planes.
 
     evidence : (n,) for each point alone, such as the cosine n.U at which it was seen; negative where the normal should be turned.
     """
-    first, index = radius_lists(points, radius_m)
-    xyz, axes, out = np.ascontiguousarray(points, float), np.ascontiguousarray(normals, float), np.ascontiguousarray(evidence, float)
+    axes, out = np.array(normals, float), np.array(evidence, float)
     for _ in range(SIGN_ROUNDS):
-        out = _spread_evidence(xyz, axes, out, first, index, radius_m, thickness_m)
+        out = _spread_evidence(near.points, axes, out, near.first, near.index, near.radius_m, thickness_m)
     return out
 
 
@@ -64,23 +73,20 @@ def opposed_evidence(points: FloatArray, normals: FloatArray, sure: BoolArray, s
     return _opposed(xyz, axes, sure, xyz.min(axis=0), AXIS_RADIUS * spacing_m, reach_m, thickness_m)
 
 
-def is_flat(points: FloatArray, normals: FloatArray, radius_m: float, sigma_m: float, spacing_m: float) -> BoolArray:
+def is_flat(near: Near, normals: FloatArray, sigma_m: float, spacing_m: float) -> BoolArray:
     """(n,) True where the neighbours of the same side lie on one plane within the noise."""
-    first, index = radius_lists(points, radius_m)
-    _, rms = _fit(np.ascontiguousarray(points, float), np.ascontiguousarray(normals, float), first, index, radius_m, SAME_SIDE)
+    _, rms = _fit(near, np.array(normals, float), SAME_SIDE)
     return np.asarray(rms <= FLAT_SIGMAS * sigma_m + FLAT_SPACINGS * spacing_m)
 
 
-def crease_normals(points: FloatArray, normals: FloatArray, toward: FloatArray, radius_m: float, flat: BoolArray, thickness_m: float) -> FloatArray:
+def crease_normals(near: Near, normals: FloatArray, toward: FloatArray, flat: BoolArray, thickness_m: float) -> FloatArray:
     """The normals (n, 3) with those at creases replaced: the plane through points of two faces is neither of them.
 
     Where the patch is not flat, the point takes the normal of the flat neighbour whose plane it lies on best, within `thickness_m`,
     among those that can be seen from `toward`; then all are fitted again, each on its own face.
     """
-    first, index = radius_lists(points, radius_m)
-    xyz, seen = np.ascontiguousarray(points, float), np.ascontiguousarray(toward, float)
-    chosen = _of_best_plane(xyz, np.ascontiguousarray(normals, float), seen, flat, first, index, radius_m, thickness_m)
-    return _signed(_fit(xyz, chosen, first, index, radius_m, SAME_FACE)[0], chosen)
+    chosen = _of_best_plane(near.points, np.array(normals, float), np.array(toward, float), flat, near.first, near.index, near.radius_m, thickness_m)
+    return _signed(_fit(near, chosen, SAME_FACE)[0], chosen)
 
 
 def wall_depth(points: FloatArray, normals: FloatArray, spacing_m: float, reach_m: float, outward: bool = False) -> FloatArray:
@@ -96,12 +102,12 @@ def wall_depth(points: FloatArray, normals: FloatArray, spacing_m: float, reach_
 
 def _signed(axes: FloatArray, toward: FloatArray) -> FloatArray:
     flip = np.einsum("ij,ij->i", axes, toward) < 0
-    return np.ascontiguousarray(np.where(flip[:, None], -axes, axes))
+    return np.where(flip[:, None], -axes, axes)
 
 
-def _fit(points: FloatArray, normals: FloatArray, first: IntArray, index: IntArray, radius: float, least: float) -> tuple[FloatArray, FloatArray]:
+def _fit(near: Near, normals: FloatArray, least: float) -> tuple[FloatArray, FloatArray]:
     """Axis of least variance (n, 3) of the neighbours with n_i.n_j > least, of either sign, and the residual (n,) across it."""
-    moments = _covariances(points, normals, first, index, radius, least)
+    moments = _covariances(near.points, normals, near.first, near.index, near.radius_m, least)
     values, axes = np.linalg.eigh(moments[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3))
     return np.asarray(axes[:, :, 0]), np.sqrt(np.maximum(values[:, 0], 0.0) / np.maximum(moments[:, 6], np.finfo(float).tiny))
 

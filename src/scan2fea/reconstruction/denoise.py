@@ -15,10 +15,11 @@ from scan2fea.kernel.noise import noise_sigma
 from scan2fea.kernel.side_normals import (
     FLAT_SPACINGS,
     SAME_SIDE,
+    Near,
     crease_normals,
     is_flat,
+    near_lists,
     opposed_evidence,
-    radius_lists,
     side_normals,
     spread_evidence,
 )
@@ -53,10 +54,11 @@ def first_normals(points: FloatArray, toward: FloatArray, spacing_m: float) -> t
     """
     radius = NORMAL_RADIUS * spacing_m
     for _ in range(3):
-        normals = side_normals(points, toward, radius)
+        near = near_lists(points, radius)
+        normals = side_normals(near, toward)
         sigma = noise_sigma(points, normals)
         if math.isfinite(sigma):
-            normals = _settled(points, normals, toward, radius, sigma, spacing_m)
+            normals = _settled(near, normals, toward, sigma, spacing_m)
             sigma = noise_sigma(points, normals)
         wider = min(4.0 * sigma, 6.0 * spacing_m) if math.isfinite(sigma) else 6.0 * spacing_m
         if wider <= 1.1 * radius:
@@ -65,23 +67,23 @@ def first_normals(points: FloatArray, toward: FloatArray, spacing_m: float) -> t
     return normals, sigma if math.isfinite(sigma) else radius / 4.0
 
 
-def _settled(points: FloatArray, normals: FloatArray, toward: FloatArray, radius: float, sigma: float, spacing_m: float) -> FloatArray:
+def _settled(near: Near, normals: FloatArray, toward: FloatArray, sigma: float, spacing_m: float) -> FloatArray:
     """Signs by what the whole sheet sees, by the rest of the surface where that is too little; creases given to one of their faces."""
     thickness = 1.5 * sigma + FLAT_SPACINGS * spacing_m
-    flat = is_flat(points, normals, radius, sigma, spacing_m)
+    flat = is_flat(near, normals, sigma, spacing_m)
     own = np.einsum("ij,ij->i", normals, toward) * np.where(flat, 1.0, 0.1)
-    evidence = spread_evidence(points, normals, own, radius, thickness)
+    evidence = spread_evidence(near, normals, own, thickness)
     signed = np.where(evidence[:, None] < 0, -normals, normals)
     for _ in range(OPPOSED_ROUNDS):
         sure = np.abs(evidence) >= GRAZING
         if sure.all():
             break
-        told = opposed_evidence(points, signed, sure, spacing_m, OPPOSED_REACH * spacing_m, 2.0 * thickness)
+        told = opposed_evidence(near.points, signed, sure, spacing_m, OPPOSED_REACH * spacing_m, 2.0 * thickness)
         told = np.where(sure, np.minimum(np.abs(evidence), 1.0), told)  # in the frame of `signed`, sure normals speak for themselves
-        evidence = spread_evidence(points, signed, told, radius, thickness)
+        evidence = spread_evidence(near, signed, told, thickness)
         signed = np.where(evidence[:, None] < 0, -signed, signed)
         evidence = np.abs(evidence)
-    return crease_normals(points, _by_winding(points, signed, evidence < GRAZING, spacing_m), toward, radius, flat, thickness)
+    return crease_normals(near, _by_winding(near.points, signed, np.abs(evidence) < GRAZING, spacing_m), toward, flat, thickness)
 
 
 def _by_winding(points: FloatArray, normals: FloatArray, doubtful: BoolArray, spacing_m: float) -> FloatArray:
@@ -108,7 +110,8 @@ def denoise(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_m: 
     residual = max(0.02 * h, 0.0 if quiet else 1.9 * sigma_m * h / (math.sqrt(math.pi) * radius))
     tolerance = math.radians(15.0 if sigma_m < 0.02 * h else 25.0)
     xyz, now = np.ascontiguousarray(points, float), np.ascontiguousarray(normals, float)
-    first, index = radius_lists(xyz, radius)
+    near = near_lists(xyz, radius)
+    first, index = near.first, near.index
     for _ in range(NORMAL_ROUNDS):
         now = _smooth_normals(xyz, now, first, index, radius, tolerance)
     moved = xyz

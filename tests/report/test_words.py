@@ -16,6 +16,7 @@ from scan2fea.report.words import (
     first_frequency_hz,
     headline,
     mass_kg,
+    measure_name,
     measured_share,
     number,
     number_of,
@@ -142,6 +143,7 @@ def test_known_checks_have_short_causes_and_others_speak_for_themselves():
     assert cause({"reason": None}) == "no reason given"
     assert len(cause({"reason": "word " * 100})) <= 66
     assert check_name("shape.measured_area") == "shape: measured area"
+    assert (measure_name("displacement_max_m"), measure_name("f7_hz"), measure_name("mean")) == ("displacement max", "f7", "mean")
 
 
 def test_worst_check():

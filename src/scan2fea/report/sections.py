@@ -19,6 +19,7 @@ from scan2fea.report.words import (
     first_frequency_hz,
     is_number,
     mass_kg,
+    measure_name,
     measured_share,
     millimetres,
     number,
@@ -138,7 +139,7 @@ def _checks(item: Item) -> Html:
         cells = (figure_cell(quantity(check.get(key), unit), key) for key in ("value", "limit"))
         rows.append([check_name(check.get("name")), *cells, mark(check.get("passed"))])
     classes = ["" if check.get("passed") else "bad-row" for check in checks]
-    return section("Checks", table(("check", "value", "limit", "result"), rows, row_classes=classes)) if rows else NOTHING
+    return section("Checks", table(("check", "value", "limit", "result"), rows, row_classes=classes), class_="part checks") if rows else NOTHING
 
 
 def _response(item: Item) -> Html:
@@ -152,7 +153,7 @@ def _response(item: Item) -> Html:
             figure_cell(quantity(case.get("expected"), unit), "expected"),
             figure_cell(percent(case.get("relative_error")), "error"),
         ]
-        rows.append([f"{case.get('name')}: {case.get('measure')}", *cells])
+        rows.append([f"{check_name(case.get('name'))}: {measure_name(case.get('measure'))}", *cells])
     frequencies = [f"{number(f)} Hz" for f in (item.get("fea") or {}).get("frequencies_hz") or [] if is_number(f)][:6]
     modes = tag("p", f"Elastic frequencies of the free body: {', '.join(frequencies)}.") if frequencies else NOTHING
     solver = (item.get("fea") or {}).get("solver")

@@ -123,6 +123,11 @@ def check_name(name: object) -> str:
     return str(name).replace("_", " ").replace(".", ": ", 1)
 
 
+def measure_name(name: object) -> str:
+    """`displacement_max_m` as words: the unit stands beside the value."""
+    return re.sub(r"_(m|m3|n|j|pa|hz|kg|rad)$", "", str(name)).replace("_", " ")
+
+
 def plural(n: int, one: str, many: str | None = None) -> str:
     """`1 object`, `3 objects`."""
     return f"{count(n)} {one if n == 1 else many or one + 's'}"

@@ -38,10 +38,10 @@ def test_sigma_is_zero_without_noise_and_curvature_is_no_noise():
 
 
 def test_a_thin_wall_is_no_noise():
-    wall = np.concatenate([sheet(0.001, 1), sheet(0.001, 2) + [0, 0, 0.012]])
+    wall = np.concatenate([sheet(0.001, 1), sheet(0.001, 2) + np.array([0, 0, 0.012])])
     assert noise_sigma(wall) == pytest.approx(0.001, rel=0.25)
     normals = np.repeat([[0, 0, -1.0], [0, 0, 1.0]], N, axis=0)
-    closer = np.concatenate([sheet(0.001, 1), sheet(0.001, 2) + [0, 0, 0.003]])
+    closer = np.concatenate([sheet(0.001, 1), sheet(0.001, 2) + np.array([0, 0, 0.003])])
     assert noise_sigma(closer, normals) == pytest.approx(0.001, rel=0.15)
 
 

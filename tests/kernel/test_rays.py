@@ -6,7 +6,8 @@ from scan2fea.kernel.rays import first_hits, ray_scene
 from scan2fea.kernel.transforms import random_rotation
 
 CUBE = np.array([[x, y, z] for x in (0.0, 1) for y in (0.0, 1) for z in (0.0, 1)])
-CUBE_FACES = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])
+CUBE_FACES = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4]])
+CUBE_FACES = np.concatenate([CUBE_FACES, [[1, 5, 7], [1, 7, 3]]])
 
 
 def brute_force(triangles, origin, direction):

@@ -3,7 +3,8 @@
 Thesis eq 2.3 is printed wrong (it sums distances); what it means is: keep a point with at least k others within R. With R = the mean
 nearest distance it deletes every plane; its workable forms, R = mean + 1 sd of the k-th distance ("density") and mean distance to k
 neighbours <= mean + 1 sd ("statistical"; Rusu et al. 2008), still eat 3 to 15 % of good points, and whole regions where the density
-differs. The default "isolated" compares each point with its own neighbours instead, which uneven density does not disturb.
+differs. The default "isolated" compares each point with its own neighbours and their shape instead, which uneven density does not
+disturb.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ _BLOCK = 100_000
 _NEIGHBOUR_QUANTILE = 0.8
 _LEAST_RATIO = 3.0  # the corner of a plate sees a quarter of a disc: twice the distance; three times is no corner
 _SIGMAS = 6.0
+_SPARSE = 4.0
+_NO_SURFACE = 0.35
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,7 +56,7 @@ def outliers(points: FloatArray, options: FilteringOptions = FilteringOptions())
         return Outliers(is_good=np.ones(len(points), bool), how={"outliers": "too few points to judge", "n_outliers": 0, "n_duplicates": 0})
     near = _neighbours(points, k)
     twice = _duplicates(points, near.first)
-    bad, limit = METHODS[options.outliers](near, options)
+    bad, limit = METHODS[options.outliers](points, near, options)
     bad &= ~twice
     how = {"outliers": options.outliers, "limit": limit, "n_outliers": int(bad.sum()), "n_duplicates": int(twice.sum())}
     return Outliers(is_good=~(bad | twice), how=how)
@@ -82,11 +85,12 @@ def _duplicates(points: FloatArray, first: FloatArray) -> BoolArray:
     return twice
 
 
-def _isolated(near: _Neighbours, options: FilteringOptions) -> tuple[BoolArray, float]:
-    """Much farther from its neighbours than these are from theirs.
+def _isolated(points: FloatArray, near: _Neighbours, options: FilteringOptions) -> tuple[BoolArray, float]:
+    """Much farther from its neighbours than these are from theirs; or in a sparse region that is no surface.
 
     The ratio is taken to the 80 % quantile of the neighbours' own mean distances, so a point of a sparse region beside a dense one is
     judged by its sparse neighbours. The limit is the median ratio + 6 robust standard deviations, on the log scale, and at least 3.
+    Strays in a crowd pass that test among themselves; see `_off_surface`.
     """
     ratio = np.zeros(len(near.mean))
     rank = int(_NEIGHBOUR_QUANTILE * near.row.shape[1])
@@ -98,26 +102,46 @@ def _isolated(near: _Neighbours, options: FilteringOptions) -> tuple[BoolArray, 
     centre = float(np.median(log))
     spread = 1.4826 * float(np.median(np.abs(log - centre)))
     limit = max(_LEAST_RATIO, float(np.exp(centre + _SIGMAS * spread)))
-    return ratio > limit, limit
+    return (ratio > limit) | _off_surface(points, near), limit
 
 
-def _density(near: _Neighbours, options: FilteringOptions) -> tuple[BoolArray, float]:
+def _off_surface(points: FloatArray, near: _Neighbours) -> BoolArray:
+    """True for points four times as sparse as the median whose neighbours form no surface, or that lie off the surface these form.
+
+    Their own distance from the plane of their neighbours, or the spread of these across it, exceeds 0.35 of the spread along it: 0.6 in a
+    cloud of random points, 0 on a sparse surface however uneven, 0 on a ring of a scanner.
+    """
+    off = np.zeros(len(points), bool)
+    rows = np.flatnonzero(near.mean > _SPARSE * float(np.median(near.mean)))
+    for start in range(0, len(rows), _BLOCK):
+        part = rows[start : start + _BLOCK]
+        patch = points[near.row[part]]
+        centre = patch.mean(axis=1)
+        patch = patch - centre[:, None]
+        values, axes = np.linalg.eigh(np.einsum("mki,mkj->mij", patch, patch) / patch.shape[1])
+        height = np.abs(np.einsum("mi,mi->m", points[part] - centre, axes[:, :, 0]))
+        across = np.maximum(height, np.sqrt(np.maximum(values[:, 0], 0.0)))
+        off[part] = across > _NO_SURFACE * np.sqrt(np.maximum(values[:, 2], 0.0))
+    return off
+
+
+def _density(points: FloatArray, near: _Neighbours, options: FilteringOptions) -> tuple[BoolArray, float]:
     """Thesis eq 2.3, corrected: fewer than k others within R = mean + sd of the k-th distances (k within R is the same as k-th distance <= R)."""
     limit = float(near.kth.mean() + options.outlier_sd * near.kth.std())
     return near.kth > limit, limit
 
 
-def _statistical(near: _Neighbours, options: FilteringOptions) -> tuple[BoolArray, float]:
+def _statistical(points: FloatArray, near: _Neighbours, options: FilteringOptions) -> tuple[BoolArray, float]:
     """Rusu et al. (2008), as PCL does it: mean distance to the k nearest above mean + sd of these."""
     limit = float(near.mean.mean() + options.outlier_sd * near.mean.std())
     return near.mean > limit, limit
 
 
-def _none(near: _Neighbours, options: FilteringOptions) -> tuple[BoolArray, float]:
+def _none(points: FloatArray, near: _Neighbours, options: FilteringOptions) -> tuple[BoolArray, float]:
     return np.zeros(len(near.mean), bool), float("inf")
 
 
-METHODS: Mapping[str, Callable[[_Neighbours, FilteringOptions], tuple[BoolArray, float]]] = {
+METHODS: Mapping[str, Callable[[FloatArray, _Neighbours, FilteringOptions], tuple[BoolArray, float]]] = {
     "isolated": _isolated,
     "density": _density,
     "statistical": _statistical,

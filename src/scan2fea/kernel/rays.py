@@ -118,6 +118,23 @@ def _triangle(c: FloatArray, o: FloatArray, d: FloatArray) -> float:
 
 
 @jit
+def _on_plane(c: FloatArray, o: FloatArray, d: FloatArray) -> float:
+    """Ray parameter on the triangle's plane. On needles it keeps the digits that the triangle test loses; the two shortest edges give the normal."""
+    a, b = 0, 0.0
+    for i in range(3):  # the corner opposite the longest edge
+        j, k = (i + 1) % 3, (i + 2) % 3
+        size = (c[j, 0] - c[k, 0]) ** 2 + (c[j, 1] - c[k, 1]) ** 2 + (c[j, 2] - c[k, 2]) ** 2
+        if size > b:
+            a, b = i, size
+    j, k = (a + 1) % 3, (a + 2) % 3
+    ux, uy, uz = c[j, 0] - c[a, 0], c[j, 1] - c[a, 1], c[j, 2] - c[a, 2]
+    vx, vy, vz = c[k, 0] - c[a, 0], c[k, 1] - c[a, 1], c[k, 2] - c[a, 2]
+    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    above = nx * (c[a, 0] - o[0]) + ny * (c[a, 1] - o[1]) + nz * (c[a, 2] - o[2])
+    return float(above / (nx * d[0] + ny * d[1] + nz * d[2]))
+
+
+@jit
 def _cast(
     origin: FloatArray,
     direction: FloatArray,
@@ -135,7 +152,7 @@ def _cast(
         o, d = origin[r], direction[r]
         for a in range(3):
             inverse[a] = 1.0 / d[a] if d[a] != 0.0 else math.inf
-        best, hit = math.inf, -1
+        best, hit, row = math.inf, -1, -1
         stack[0], top = 0, 1
         while top > 0:
             top -= 1
@@ -147,7 +164,7 @@ def _cast(
                 for i in range(a, a - b):
                     t = _triangle(corners[i], o, d)
                     if t > t_min and (t < best or (t == best and face[i] < hit)):
-                        best, hit = t, face[i]
+                        best, hit, row = t, face[i], i
                 continue
             near_a, near_b = _enters(boxes, a, o, inverse, best), _enters(boxes, b, o, inverse, best)
             if near_a > near_b:
@@ -159,4 +176,4 @@ def _cast(
             if near_a < math.inf:
                 stack[top] = a
                 top += 1
-        t_out[r], face_out[r] = best, hit
+        t_out[r], face_out[r] = best if hit < 0 else _on_plane(corners[row], o, d), hit

@@ -85,7 +85,7 @@ def _shape(made: Made, source: Tracked[Part], config: Config, record: Record) ->
     part = source.value
     if part.mesh is not None:
         made.spacing_m, made.sensor = spacing(part.mesh.vertices), "unknown"
-        made.surface = part.mesh
+        _moved(made, "given", part.mesh)
         return Tracked(part.mesh, source.key)
     scan = Tracked(part.scan, source.key)
     found = record("reconstruct", reconstruct, scan, options=config.reconstruction, n_in=len(part.scan.cloud), count=lambda r: len(r.mesh.faces))
@@ -113,14 +113,18 @@ def _verify_geometry(made: Made) -> None:
         raise InternalError("the geometry is verified before it is whole")
     enclosed = volume(surface)
     made.checks += surface_checks(surface)
+    found = deviation(surface, cloud.points, made.spacing_m, made.sigma_m, cloud.is_inferred)
     if made.part.mesh is None:
         origin = face_origin(surface, cloud.points, cloud.is_inferred, made.spacing_m, made.sigma_m)
-        found = deviation(surface, cloud.points, made.spacing_m, made.sigma_m, cloud.is_inferred)
-        made.deviation = found
-        made.surface = replace(surface, face_origin=origin, deviation_m=np.nan_to_num(found.per_vertex_m))
-        made.checks += deviation_checks(found, made.spacing_m, made.sigma_m, _supported_share(made, surface, origin))
-        first, last = made.drift[0], made.drift[-1]
-        made.checks += drift_checks(last["volume_m3"], first["volume_m3"], last["thickness_m"], first["thickness_m"])
+        supported = _supported_share(made, surface, origin)
+    else:  # faces were given: the surface is what was measured, wherever its vertices lie
+        origin, supported = np.full(len(surface.faces), MEASURED), 0.0
+        found = replace(found, measured_area_fraction=1.0)
+    made.deviation = found
+    made.surface = replace(surface, face_origin=origin, deviation_m=found.per_vertex_m)
+    made.checks += deviation_checks(found, made.spacing_m, made.sigma_m, supported)
+    first, last = made.drift[0 if made.part.mesh is None else 1], made.drift[-1]  # a file with faces may enter open: count from its repair
+    made.checks += drift_checks(last["volume_m3"], first["volume_m3"], last["thickness_m"], first["thickness_m"])
     made.checks += [*tet_checks(tets, enclosed), *brep_checks(brep, enclosed)]
 
 

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from scan2fea import __version__
-from scan2fea.errors import InputError
 from scan2fea.io import RawScan
 from scan2fea.io.files import sha256_of
 from scan2fea.kernel.coverage import area_shares
@@ -27,6 +26,7 @@ from scan2fea.types import Brep, Check, FEModel, FEResult, Segments, TetMesh, Tr
 from scan2fea.verification.verdict import verdict
 
 SCHEMA = 1
+MAX_NAMES = 500  # names of more CAD faces than this help nobody
 LIBRARIES = ("numpy", "scipy", "numba", "PyMaxflow", "gmsh", "cadquery-ocp-novtk", "pyamg")
 ROUTE_REASON = "free form: the surface is reconstructed from the points; members are not yet fitted by this version"
 GIVEN_REASON = "the input has faces: it enters at repair"
@@ -65,7 +65,7 @@ def input_row(path: Path, raw: RawScan | None, reason: str | None) -> dict[str, 
 def _sha256(path: Path) -> str:
     try:
         return sha256_of(path)
-    except InputError:
+    except OSError:
         return ""  # there is no such file, or it is a folder
 
 
@@ -106,6 +106,7 @@ def cad_row(brep: Brep) -> dict[str, Any]:
         "n_cylindrical": kinds.count("cylinder"),
         "n_nurbs": kinds.count("nurbs"),
         "n_facets": kinds.count("facet"),
+        "face_names": list(brep.face_names) if len(kinds) <= MAX_NAMES else [],
     }
 
 
@@ -115,6 +116,7 @@ def fea_row(model: FEModel, result: FEResult) -> dict[str, Any]:
         "elements": "C3D10" if model.mesh.order == 2 else "C3D4",
         "dof": result.n_dof,
         "solver": result.solver,
+        "mass_kg": model.material.density_kg_m3 * float(tet_volumes(model.mesh.nodes, model.mesh.tets).sum()),
         "frequencies_hz": [float(f) for f in result.frequencies_hz[6:]],
         "material": dataclasses.asdict(model.material),
         "cases": [dataclasses.asdict(case) for case in result.cases],
@@ -138,6 +140,7 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
         "route": "reconstruction",
         "route_reason": ROUTE_REASON if made.part.mesh is None else GIVEN_REASON,
         "n_points": len(made.part.scan.cloud),
+        "size_m": np.ptp(made.part.scan.cloud.points, axis=0),
         "sensor": made.sensor,
         "spacing_m": number(made.spacing_m),
         "noise_m": number(made.sigma_m),

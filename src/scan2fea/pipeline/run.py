@@ -15,7 +15,7 @@ import numpy as np
 
 from scan2fea.errors import InputError, UsageError, require
 from scan2fea.io import InputOptions, RawScan, read_scan, write_cloud_ply, write_trajectory
-from scan2fea.io.files import sha256_of, write_bytes
+from scan2fea.io.files import existing_file, sha256_of, write_bytes
 from scan2fea.pipeline.config import Config, to_toml
 from scan2fea.pipeline.labels import edited, labels_text, read_rows
 from scan2fea.pipeline.objects import convert_all, parts_of
@@ -91,6 +91,7 @@ def _read_all(inputs: Sequence[Path], options: InputOptions, record: Record) -> 
     reasons: list[str] = []
     for number, path in enumerate(inputs):
         try:
+            existing_file(path)
             source = Tracked(path, key_of("file", sha256_of(path)))
             raw = record("read", read_scan, source, options=options, n_in=1, count=lambda r: len(r.scan.cloud), extra=None)
         except InputError as error:
@@ -118,7 +119,7 @@ def _write_scene(out: Path, scene: Scene, segments: Segments) -> None:
     cloud = scene.scan.cloud
     sigma = cloud.sigma_along_m if cloud.sigma_along_m is not None else np.full(len(cloud), np.nan)
     inferred = cloud.is_inferred if cloud.is_inferred is not None else np.zeros(len(cloud), bool)
-    columns = {"label": segments.labels.astype(np.int32), "is_inferred": inferred.astype(np.uint8), "sigma_m": sigma}
+    columns: dict[str, Any] = {"label": segments.labels.astype(np.int32), "is_inferred": inferred.astype(np.uint8), "sigma_m": sigma}
     write_cloud_ply(out / "cloud.ply", cloud, columns)
     write_trajectory(out / "trajectory.txt", scene.trajectory)
 

@@ -63,7 +63,7 @@ def test_without_noise_points_lie_on_their_objects():
     exact = simulate_lab(LabOptions(noise_m=0.0, density=0.05, overview_deg=0.0))
     points, label = points_of(exact)
     for i, thing in enumerate(exact.truth):
-        assert distance_to_mesh(points[label == i], thing.mesh).distance.max() < 1e-12
+        assert distance_to_mesh(points[label == i], thing.mesh).distance.max() < 1e-11
 
 
 def test_same_seed_same_bytes_and_other_seed_other_points():

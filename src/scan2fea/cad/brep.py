@@ -29,7 +29,7 @@ class CadOptions:
         minimum=0.0,
         maximum=1e-3,
     )
-    max_faces: int = option(16_000, "largest number of faces of the solid; CAD systems and checks become unusable beyond", minimum=4)
+    max_faces: int = option(24_000, "largest number of faces of the solid; CAD systems and checks become unusable beyond", minimum=4)
 
 
 def to_brep(mesh: TriangleMesh, options: CadOptions = CadOptions()) -> Brep:

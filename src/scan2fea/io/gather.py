@@ -103,7 +103,7 @@ class _Rows:
         stream.add(points)
         new = stream.first_row(n_cells) - n_rows
         self.n -= len(points) - len(new)
-        self.points[-1] = points[:0]
+        self.points[-1] = np.zeros((0, 3))  # not a view: it would hold the piece
         self.index[-1] = self.index[-1][new]
         self.sensor[-1] = self.sensor[-1] if len(self.sensor[-1]) == 1 else self.sensor[-1][new]
         self.columns[-1] = {name: column[new] for name, column in self.columns[-1].items()}
@@ -115,7 +115,7 @@ class _Rows:
         top = np.maximum.accumulate(merged)
         kept = np.flatnonzero(np.concatenate([[True], top[1:] != top[:-1]]))
         index, sensor, columns = self.whole()
-        self.points, self.index, self.columns = [index[:0].astype(float)], [index[kept]], [{name: c[kept] for name, c in columns.items()}]
+        self.points, self.index, self.columns = [np.zeros((0, 3))], [index[kept]], [{name: c[kept] for name, c in columns.items()}]
         self.sensor = [sensor if len(sensor) == 1 else sensor[kept]]
         self.n = len(kept)
 

@@ -52,14 +52,15 @@ def side_normals(near: Near, toward: FloatArray, refits: int = 2) -> FloatArray:
     return normals
 
 
-def spread_evidence(near: Near, normals: FloatArray, evidence: FloatArray, thickness_m: float) -> FloatArray:
+def spread_evidence(near: Near, normals: FloatArray, evidence: FloatArray, sure: BoolArray, thickness_m: float) -> FloatArray:
     """(n,) the evidence for the sign of each normal, averaged along its sheet: the points within `thickness_m` of each other's tangent planes.
 
     evidence : (n,) for each point alone, such as the cosine n.U at which it was seen; negative where the normal should be turned.
+    sure : (n,) points that keep their own.
     """
     axes, out = np.array(normals, float), np.array(evidence, float)
     for _ in range(SIGN_ROUNDS):
-        out = _spread_evidence(near.points, axes, out, near.first, near.index, near.radius_m, thickness_m)
+        out = _spread_evidence(near.points, axes, out, sure, near.first, near.index, near.radius_m, thickness_m)
     return out
 
 
@@ -174,11 +175,14 @@ def _covariances(points: FloatArray, normals: FloatArray, first: IntArray, index
 
 @jit
 def _spread_evidence(
-    points: FloatArray, normals: FloatArray, evidence: FloatArray, first: IntArray, index: IntArray, radius: float, thickness: float
-) -> FloatArray:
+    points: FloatArray, normals: FloatArray, evidence: FloatArray, sure: BoolArray,
+    first: IntArray, index: IntArray, radius: float, thickness: float,
+) -> FloatArray:  # fmt: skip
     """(n,) mean of the evidence for the sign of each normal over the neighbours on its own tangent plane, carried over with n_i.n_j."""
     out = evidence.copy()
     for p in range(len(points)):
+        if sure[p]:
+            continue
         total = weights = 0.0
         for o in range(first[p], first[p + 1]):
             q = index[o]

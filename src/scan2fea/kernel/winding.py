@@ -21,7 +21,8 @@ from scan2fea.kernel.jit import jit
 from scan2fea.types import FloatArray, IntArray, Value
 
 _LEAF = 8  # points per leaf
-_OPENING = 0.5  # a cell is summed as one where its radius is below this share of its distance
+OPENING = 0.5  # a cell is summed as one where its radius is below this share of its distance: w within 0.03
+ROUGH_OPENING = 0.8  # half the work; directions of -grad w within 0.7 degrees
 _MORTON_BITS = 20
 
 
@@ -57,7 +58,7 @@ def layout(points: FloatArray) -> Layout:
 
 
 def winding(
-    tree: Layout, normals: FloatArray, areas: FloatArray, softening: float, queries: FloatArray | None = None
+    tree: Layout, normals: FloatArray, areas: FloatArray, softening: float, queries: FloatArray | None = None, opening: float = OPENING
 ) -> tuple[FloatArray, FloatArray]:
     """w and -grad w at the queries.
 
@@ -71,7 +72,7 @@ def winding(
     # a fresh copy of the queries in every case: one compiled variant for read-only and writable callers
     asked = np.array(tree.points if queries is None else queries, float, order="C")
     cells = (centre, radius, total, moment)
-    value, outward = _evaluate(asked, tree.points, dipoles, tree.cuts, tree.depth, *cells, float(softening) ** 2, _OPENING)
+    value, outward = _evaluate(asked, tree.points, dipoles, tree.cuts, tree.depth, *cells, float(softening) ** 2, opening)
     if queries is not None:
         return value, outward
     back = np.argsort(tree.order, kind="stable")

@@ -25,6 +25,7 @@ NOISE_OVER_WALL = 0.35  # above, the two faces of a wall mix: volume and thickne
 SPACING_OVER_WALL = 1.1
 UNMEASURED_SEEN, UNMEASURED_UNSEEN = 0.10, 0.02  # of the area, with and without sensor positions
 REACH_SPACINGS, REACH_SIGMAS = 3.0, 3.0  # a place with no measured point of its own side nearer than this is not measured
+SCATTER_MARGIN = 1.2  # the surface follows the points a little, so their distances are smaller than the noise
 DEVIATION_SEEN = 2.5  # sigma
 DEVIATION_UNSEEN = 2.0  # (sigma + 0.05 h)
 STRAY = 0.01
@@ -84,8 +85,9 @@ class Unseen(Value):
 def gates_seen(evidence: Evidence) -> tuple[Check, ...]:
     """The checks where sensor positions are known."""
     nearest = PointToMesh(evidence.mesh).nearest(_measured(evidence, evidence.points))
-    limit = max(DEVIATION_SEEN * evidence.sigma_m, DEVIATION_UNSEEN * 0.05 * evidence.spacing_m)
-    return (*_resolution(evidence), *_coverage(evidence, UNMEASURED_SEEN), _deviation(nearest.distance, limit))
+    sigma = _scatter(evidence, nearest.distance)
+    limit = max(DEVIATION_SEEN * sigma, DEVIATION_UNSEEN * 0.05 * evidence.spacing_m)
+    return (*_resolution(evidence), *_coverage(evidence, UNMEASURED_SEEN, sigma), _deviation(nearest.distance, limit))
 
 
 def gates_unseen(evidence: Evidence, unseen: Unseen) -> tuple[Check, ...]:
@@ -94,18 +96,18 @@ def gates_unseen(evidence: Evidence, unseen: Unseen) -> tuple[Check, ...]:
     nearest = PointToMesh(evidence.mesh).nearest(points)
     normals = face_normals(evidence.mesh)[nearest.face]
     signed = np.einsum("ij,ij->i", points - nearest.closest, normals)
-    allowed = DEVIATION_UNSEEN * (evidence.sigma_m + 0.05 * evidence.spacing_m)
+    sigma = _scatter(evidence, nearest.distance)
     residuals = _patch_moments(points, normals, signed)
     return (
-        _both_faces(unseen.flood),
+        _both_faces(evidence.points, unseen.flood),
         *_resolution(evidence),
-        *_coverage(evidence, UNMEASURED_UNSEEN),
-        _deviation(nearest.distance, allowed),
-        _stray(nearest.distance, evidence),
-        _cut_agrees(unseen.held),
+        *_coverage(evidence, UNMEASURED_UNSEEN, sigma),
         *_winding_agrees(evidence),
-        _flood_inside(unseen.flood_inside),
         _signs_agree(evidence, unseen),
+        _cut_agrees(unseen.held),
+        _flood_inside(unseen.flood_inside),
+        _deviation(nearest.distance, DEVIATION_UNSEEN * (sigma + 0.05 * evidence.spacing_m)),
+        _stray(nearest.distance, 3.0 * sigma + 0.5 * evidence.spacing_m),
         _merged(*residuals, 0.05 * evidence.spacing_m),
         *_solid_core(unseen.flood, *residuals, 0.05 * evidence.spacing_m),
     )
@@ -130,7 +132,23 @@ def _mm(metres: float) -> str:
     return f"{1e3 * metres:.3g} mm"
 
 
-def _both_faces(flood: Flood) -> Check:
+def _scatter(evidence: Evidence, distance: FloatArray) -> float:
+    """The noise that distances are held against: the stated one, unless half of the points lie much nearer than it would put them.
+
+    Where the noise could not be told it was guessed high, and would excuse anything.
+    """
+    return min(evidence.sigma_m, SCATTER_MARGIN * 1.4826 * float(np.median(distance)) if len(distance) else 0.0)
+
+
+def _around(points: FloatArray) -> str:
+    """Where most of the points are, in words."""
+    if not len(points):
+        return ""
+    x, y, z = np.median(points, axis=0)
+    return f", around ({x:.4g}, {y:.4g}, {z:.4g}) m"
+
+
+def _both_faces(points: FloatArray, flood: Flood) -> Check:
     share = flood.leak_share
     return Check(
         name="open on both sides",
@@ -139,7 +157,7 @@ def _both_faces(flood: Flood) -> Check:
         unit="1",
         passed=share <= OPEN_BOTH_SIDES,
         says=f"{share:.0%} of the points have open space on both sides (limit {OPEN_BOTH_SIDES:.0%}): the other face of what they lie on was not "
-        "scanned; scan it too, or fit the member",
+        f"scanned{_around(points[flood.open_both])}; scan it too, or fit the member",
     )
 
 
@@ -170,9 +188,9 @@ def _resolution(evidence: Evidence) -> tuple[Check, ...]:
     )
 
 
-def _coverage(evidence: Evidence, limit: float) -> tuple[Check, ...]:
+def _coverage(evidence: Evidence, limit: float, sigma_m: float) -> tuple[Check, ...]:
     """Area that neither measured nor inferred points back, and area that inferred ones alone do."""
-    reach = REACH_SPACINGS * evidence.spacing_m + REACH_SIGMAS * evidence.sigma_m
+    reach = REACH_SPACINGS * evidence.spacing_m + REACH_SIGMAS * sigma_m
     bare = unmeasured_share(evidence.mesh, evidence.points, reach)
     check = Check(
         name="unmeasured area",
@@ -212,8 +230,7 @@ def _deviation(distance: FloatArray, limit: float) -> Check:
     )
 
 
-def _stray(distance: FloatArray, evidence: Evidence) -> Check:
-    far = 3.0 * evidence.sigma_m + 0.5 * evidence.spacing_m
+def _stray(distance: FloatArray, far: float) -> Check:
     share = float(np.mean(distance > far))
     return Check(
         name="stray points",
@@ -252,7 +269,8 @@ def _winding_agrees(evidence: Evidence) -> tuple[Check, Check]:
     outside, _ = winding(tree, evidence.normals, areas, near, places + over * out)
     right = float(np.mean(np.concatenate([inside > 0.5, outside < 0.5])))
     at_points, _ = winding(tree, evidence.normals, areas, far)
-    off = float(np.mean(np.abs(at_points - 0.5) > WINDING_OFF))
+    lost = np.abs(at_points - 0.5) > WINDING_OFF
+    off = float(np.mean(lost))
     return (
         Check(
             name="winding agrees with surface",
@@ -261,7 +279,7 @@ def _winding_agrees(evidence: Evidence) -> tuple[Check, Check]:
             unit="1",
             passed=right >= WINDING_AGREES,
             says=f"the winding number of the points contradicts {1 - right:.1%} of the surface (limit {1 - WINDING_AGREES:.1%}): a face is missing "
-            "from the scan, or turned; scan the missing side, or give the sensor position",
+            "from the scan; scan it too, or give the sensor position",
         ),
         Check(
             name="winding at points",
@@ -269,8 +287,8 @@ def _winding_agrees(evidence: Evidence) -> tuple[Check, Check]:
             limit=WINDING_AT_POINTS,
             unit="1",
             passed=off <= WINDING_AT_POINTS,
-            says=f"{off:.0%} of the points do not lie between inside and outside (limit {WINDING_AT_POINTS:.0%}): a face is missing from the scan, "
-            "or turned; scan the missing side, or give the sensor position",
+            says=f"{off:.0%} of the points do not lie between inside and outside (limit {WINDING_AT_POINTS:.0%}): the face opposite them is "
+            f"missing from the scan{_around(evidence.points[lost])}; scan it too, or fit the member",
         ),
     )
 

@@ -39,11 +39,18 @@ class OutsideOptions:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Setting(Value):
-    """What every candidate shares: the tets of the raw points, the axis of each point (sign unknown) and the spacing."""
+    """What every candidate shares: tets, the axis of each point (sign unknown), the spacing; first, incident: `tetra.incidence()`."""
 
     tetra: Tetrahedralisation
     axis: FloatArray
     spacing_m: float
+    first: IntArray
+    incident: IntArray
+
+    @classmethod
+    def of(cls, tetra: Tetrahedralisation, axis: FloatArray, spacing_m: float) -> Setting:
+        first, incident = tetra.incidence()
+        return cls(tetra=tetra, axis=axis, spacing_m=spacing_m, first=first, incident=incident)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -51,17 +58,22 @@ class Flood(Value):
     """One answer to "which side is outside".
 
     signed : (n, 3) unit outward axis, zero where the flood does not tell.   outside : (m,) tets of the raw points the ball reached.
-    ball_m : its radius.   first_ball : the one it grew from, in spacings.   leak_share : points with flood on both sides.
+    open_both : (n,) points with flood right beside them on both sides.   ball_m : radius of the ball.   first_ball : the one it grew from, in
+    spacings.
     n_cavities : voids the ball cannot enter that were taken as empty.   core_solid : True where such voids were filled instead.
     """
 
     signed: FloatArray
     outside: BoolArray
+    open_both: BoolArray
     ball_m: float
     first_ball: float
-    leak_share: float
     n_cavities: int
     core_solid: bool
+
+    @property
+    def leak_share(self) -> float:
+        return float(self.open_both.mean())
 
 
 def prepare(points: FloatArray, seed: int = 0) -> Setting:
@@ -69,7 +81,7 @@ def prepare(points: FloatArray, seed: int = 0) -> Setting:
     enough = AXIS_NEIGHBORS + 1
     require(len(points) >= enough, ReconstructionError, f"{len(points)} points are too few to find a surface: at least {enough} are needed")
     h = spacing(points)
-    return Setting(tetra=tetrahedralise(points, h, seed), axis=pca_normals(points, AXIS_NEIGHBORS), spacing_m=h)
+    return Setting.of(tetrahedralise(points, h, seed), pca_normals(points, AXIS_NEIGHBORS), h)
 
 
 def floods(setting: Setting, options: OutsideOptions = OutsideOptions()) -> Iterator[Flood]:
@@ -89,21 +101,21 @@ def flood(setting: Setting, first_ball: float, core_solid: bool) -> Flood:
     """Roll the ball in from outside, growing it while it leaks through the sampling (reconstruction.md (e), steps 2 to 4)."""
     h = setting.spacing_m
     radius = first_ball * h
-    outside, leak = _roll_and_test(setting, radius)
-    while leak > LEAK_FREE and radius * GROWTH <= LARGEST_BALL * h:
-        grown, grown_leak = _roll_and_test(setting, radius * GROWTH)
-        if leak <= LEAK_TOLERATED and grown_leak > 0.5 * leak:
+    outside, both = _roll_and_test(setting, radius)
+    while both.mean() > LEAK_FREE and radius * GROWTH <= LARGEST_BALL * h:
+        grown, still = _roll_and_test(setting, radius * GROWTH)
+        if both.mean() <= LEAK_TOLERATED and still.mean() > 0.5 * both.mean():
             break  # not a leak through the sampling: faces one point row wide, which a larger ball would only shut in
-        radius, outside, leak = radius * GROWTH, grown, grown_leak
+        radius, outside, both = radius * GROWTH, grown, still
     outside, n_cavities = emptied(setting, outside, radius, core_solid)
     plus, minus = _depths(setting, outside, REACH * h)
-    sign = np.sign(minus - plus, where=np.isfinite(np.minimum(plus, minus)), out=np.zeros(len(plus)))
+    sign = (plus < minus).astype(float) - (minus < plus)
     return Flood(
         signed=setting.axis * sign[:, None],
         outside=outside,
+        open_both=both,
         ball_m=radius,
         first_ball=first_ball,
-        leak_share=leak,
         n_cavities=n_cavities,
         core_solid=core_solid and n_cavities > 0,
     )
@@ -123,20 +135,21 @@ def emptied(setting: Setting, outside: BoolArray, radius: float, core_solid: boo
     return np.asarray(outside | np.isin(_voids(setting.tetra, outside, radius), cavities)), len(cavities)
 
 
-def _roll_and_test(setting: Setting, radius: float) -> tuple[BoolArray, float]:
+def _roll_and_test(setting: Setting, radius: float) -> tuple[BoolArray, BoolArray]:
     outside = reached(setting.tetra, radius)
     near = NEAR * setting.spacing_m
     plus, minus = _depths(setting, outside, near)
-    return outside, float(np.mean((plus <= near) & (minus <= near)))
+    return outside, (plus <= near) & (minus <= near)
 
 
-def _depths(setting: Setting, mask: BoolArray, cap: float) -> tuple[FloatArray, FloatArray]:
-    """Way from each point to the masked tets along its axis and against it."""
+def _depths(setting: Setting, mask: BoolArray, cap: float, rows: IntArray | None = None) -> tuple[FloatArray, FloatArray]:
+    """Way from the points of `rows` (all) to the masked tets along their axis and against it; inf beyond `cap`."""
     tetra = setting.tetra
-    first, incident = tetra.incidence()
-    rows = np.tile(np.arange(tetra.n_input, dtype=np.int64), 2)
-    both = np.vstack([setting.axis, -setting.axis])
-    plus, minus = np.split(depth_to(tetra.points, tetra.tets, tetra.neighbors, first, incident, rows, both, mask, cap), 2)
+    asked = np.arange(tetra.n_input, dtype=np.int64) if rows is None else rows
+    both = np.vstack([setting.axis[asked], -setting.axis[asked]])
+    plus, minus = np.split(
+        depth_to(tetra.points, tetra.tets, tetra.neighbors, setting.first, setting.incident, np.tile(asked, 2), both, mask, cap), 2
+    )
     return plus, minus
 
 
@@ -152,15 +165,11 @@ def _cavities(setting: Setting, outside: BoolArray, radius: float) -> list[int]:
     label = _voids(tetra, outside, radius)
     volume = np.bincount(label, weights=tetra.volumes())
     large = [int(v) for v in np.flatnonzero(volume > VOID_VOLUME * h**3) if v > 0]
-    if not large:
-        return []
-    plus, minus = _depths(setting, outside, BEHIND * h)
-    bare = np.minimum(plus, minus) <= BEHIND * h
     kept = []
     for void in large:
         vertices = np.unique(tetra.tets[label == void])
-        vertices = vertices[vertices < tetra.n_input]
-        if len(vertices) and bare[vertices].mean() < CAVITY_SHARE:
+        plus, minus = _depths(setting, outside, BEHIND * h, vertices[vertices < tetra.n_input])
+        if len(plus) and np.mean(np.minimum(plus, minus) <= BEHIND * h) < CAVITY_SHARE:
             kept.append(void)
     return kept
 

@@ -9,10 +9,9 @@ import numpy as np
 from scan2fea.errors import ReconstructionError
 from scan2fea.kernel.delaunay import Tetrahedralisation
 from scan2fea.reconstruction.carve import Carved, carve, gaps
-from scan2fea.reconstruction.denoise import first_normals
 from scan2fea.reconstruction.gates import Evidence, Unseen, failed, gates_unseen
 from scan2fea.reconstruction.outside import Flood, OutsideOptions, Setting, emptied, floods, prepare, reached
-from scan2fea.reconstruction.winding import polish
+from scan2fea.reconstruction.winding import fitted, polish
 from scan2fea.types import BoolArray, Check, FloatArray, Value
 
 FLOOD_SOURCE = 2.0  # votes of a tet the ball reaches among the denoised points
@@ -53,15 +52,14 @@ def unseen(points: FloatArray, is_inferred: BoolArray | None, options: OutsideOp
 
 def _answer(points: FloatArray, is_inferred: BoolArray | None, flood: Flood, spacing_m: float, quality_weight: float, seed: int, n: int) -> Answer:
     polished = polish(points, flood.signed, spacing_m)
-    normals, sigma = first_normals(points, polished, spacing_m)
+    normals, sigma = fitted(points, polished, spacing_m)
 
-    def entered(tetra: Tetrahedralisation) -> BoolArray:
-        setting = Setting(tetra=tetra, axis=normals, spacing_m=spacing_m)
-        ball = BALL_AGAIN * flood.ball_m
-        return emptied(setting, reached(tetra, ball), ball, flood.core_solid)[0]
+    ball = BALL_AGAIN * flood.ball_m
+    entered: list[BoolArray] = []
 
     def prior(tetra: Tetrahedralisation) -> FloatArray:
-        return np.where(entered(tetra), FLOOD_SOURCE, 0.0)
+        entered.append(emptied(Setting.of(tetra, normals, spacing_m), reached(tetra, ball), ball, flood.core_solid)[0])
+        return np.where(entered[-1], FLOOD_SOURCE, 0.0)
 
     blind = np.full_like(points, np.nan)
     carved = carve(points, normals, blind, spacing_m, sigma, prior=prior, quality_weight=quality_weight, seed=seed)
@@ -76,7 +74,7 @@ def _answer(points: FloatArray, is_inferred: BoolArray | None, flood: Flood, spa
         sigma_m=sigma,
         is_inferred=is_inferred,
     )
-    volumes, open_tets = carved.tetra.volumes(), entered(carved.tetra) & carved.inside
-    share = float(volumes[open_tets].sum() / volumes[carved.inside].sum())
+    volumes = carved.tetra.volumes()
+    share = float(volumes[entered[-1] & carved.inside].sum() / volumes[carved.inside].sum())
     facts = Unseen(flood=flood, polished=polished, held=carved.labels.held, flood_inside=share)
     return Answer(carved=carved, sigma_m=sigma, flood=flood, checks=gates_unseen(evidence, facts), n_tried=n)

@@ -37,7 +37,7 @@ def run_worker(job: dict[str, Any], *, time_limit_s: float, memory_limit_gib: fl
             )  # fmt: skip
         except subprocess.TimeoutExpired:
             raise MeshingError(
-                f"the mesher was stopped after {time_limit_s:g} s: mesh coarser (remesh.edge_m, tetmeshing.edge_m) or raise tetmeshing.time_limit_s"
+                f"the mesher was stopped after {time_limit_s:.0f} s: mesh coarser (remesh.edge_m, tetmeshing.edge_m) or raise tetmeshing.time_limit_s"
             ) from None
         if not result_path.exists():
             raise MeshingError(_crash(ended.returncode, ended.stderr, memory_limit_gib))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -32,10 +33,10 @@ class FillOptions:
     route: str = option("auto", "mesh the faces of the B-Rep anew, or keep the triangles of the surface", choices=("auto", "brep", "surface"))
     edge_m: float | None = option(None, "edge length of the elements; without it two wall thicknesses, within the limits below", unit="m", minimum=0.0)
     max_elements: int = option(40_000, "largest number of tets that element sizes are chosen for", minimum=100)
-    max_nodes: int = option(58_000, "largest number of TET10 nodes that element sizes are chosen for (a kept surface sets its own)", minimum=100)
+    max_nodes: int = option(58_000, "TET10 nodes that element sizes are chosen for (a kept surface sets its own size)", minimum=100)
     growth: float = option(0.4, "how fast elements grow away from the kept triangles: metres of edge per metre of distance", minimum=0.0, maximum=2.0)
     order: int = option(2, "1: TET4, 2: TET10 with straight edges", minimum=1, maximum=2)
-    time_limit_s: float = option(240.0, "wall clock of one attempt of the mesher", unit="s", minimum=1.0)
+    time_limit_s: float = option(180.0, "wall clock of the mesher for one object, all attempts together", unit="s", minimum=1.0)
     memory_limit_gib: float = option(4.0, "memory of the mesher, where the system can limit it", unit="GiB", minimum=0.5)
     seed: int = option(0, "of the places where the wall thickness is sampled", minimum=0)
 
@@ -84,11 +85,15 @@ def fill(mesh: TriangleMesh, brep: Brep | None, options: FillOptions = FillOptio
     edge = size.edge_m if options.edge_m is None else options.edge_m
     best: _Found | None = None
     tried: list[dict[str, Any]] = []
+    until = time.monotonic() + options.time_limit_s
     for attempt in _attempts(mesh, brep, edge, options):
         if best is not None and best.worst_deg >= (GOOD_DEG if len(tried) < 2 else LIMIT_DEG):
             break
+        left = until - time.monotonic()
+        if tried and left < 0.1 * options.time_limit_s:
+            break
         try:
-            found = _run(attempt, mesh, brep, names, options)
+            found = _run(attempt, mesh, brep, names, replace(options, time_limit_s=left))
         except MeshingError as error:
             tried.append({**vars(attempt), "error": str(error)})
             continue
@@ -112,7 +117,7 @@ def _attempts(mesh: TriangleMesh, brep: Brep | None, edge: float, options: FillO
         if few and needles:
             routes = ["brep"]
     require(brep is not None or "brep" not in routes, MeshingError, 'tetmeshing.route = "brep" needs a B-Rep, and there is none for this object')
-    for algorithms, finer in ((("auto",), 1.0), (("delaunay", "hxt"), 1.0), (("auto",), 0.7)):
+    for algorithms, finer in ((("auto", "other"), 1.0), (("auto",), 0.7)):
         for route in routes:
             for algorithm in algorithms:
                 yield _Attempt(route=route, algorithm=algorithm, edge_m=edge * finer, growth=options.growth * finer)

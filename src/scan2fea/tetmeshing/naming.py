@@ -12,7 +12,7 @@ from scan2fea.kernel.planar_regions import planar_regions
 from scan2fea.types import Brep, FloatArray, IntArray, TriangleMesh, Value
 
 FREEFORM = "FREEFORM"  # one name for all facets: thousands of face sets help nobody
-MANY_NAMES, STANDS_OUT = 200, 10.0  # beyond so many plane faces (pairs of facets that happen to be coplanar), only those ten times the median count
+MANY_NAMES, STANDS_OUT = 200, 10.0  # of more faces than that (mostly facets, some coplanar by chance) only those ten times the median are named
 CENTRE_AGREES = 1e-5  # of the size; two plane faces of one solid that share centre and area to this do not occur side by side in a STEP file
 
 
@@ -43,7 +43,7 @@ def names_of(mesh: TriangleMesh, brep: Brep | None) -> Names:
     n_faces = len(titles)
     weight = face_areas(mesh)
     area = np.asarray(np.bincount(face_of, weights=weight, minlength=n_faces), float)
-    named = is_plane if is_plane.sum() <= MANY_NAMES else is_plane & (area > STANDS_OUT * np.median(area))
+    named = is_plane if n_faces <= MANY_NAMES else is_plane & (area > STANDS_OUT * np.median(area))
     names = tuple(t for t, keep in zip(titles, named, strict=True) if keep)
     of_face = np.where(named, np.cumsum(named) - 1, len(names))
     tag = of_face[face_of]

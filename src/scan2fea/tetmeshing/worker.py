@@ -3,8 +3,8 @@
 gmsh may crash, hang or eat memory on a bad surface; in a process of its own it takes nothing else along. The file is run by its path, so that it
 loads gmsh and numpy and not the rest of the package. It talks through two npz files and exits with 0 also where gmsh refuses (`error` says why).
 
-Job: kind "brep" (step, shift_mm, size_mm, max_tets, max_nodes) or "surface" (vertices, faces, growth); algorithm "hxt", "delaunay" or "auto";
-good_deg: no optimisation above; memory_gib.
+Job: kind "brep" (step, shift_mm, size_mm, max_tets, max_nodes) or "surface" (vertices, faces, growth); algorithm "hxt", "delaunay", "auto"
+(by the shape of the triangles) or "other" (than auto takes); good_deg: no optimisation above; memory_gib.
 Result, in the units of the job: nodes (n, 3), tets (m, 4), tags (n,) gmsh's numbers of the nodes, min_dihedral_deg, done (what ran, as text); brep
 also triangles (k, 3), face (k,) index of the STEP face of each, `coarser` than asked by, and face_centre, face_area of each STEP face, by which the
 caller proves the order.
@@ -121,14 +121,16 @@ def _mesh_volume(gmsh: Any, name: str) -> int:
 
 
 def _algorithm(gmsh: Any, name: str) -> int:
-    if name != "auto":
+    if name in ("hxt", "delaunay"):
         return HXT if name == "hxt" else DELAUNAY
     tags, xyz, _ = gmsh.model.mesh.getNodes()
     row = np.zeros(int(tags.max()) + 1, np.int64)
     row[tags.astype(np.int64)] = np.arange(len(tags))
     triangles = row[gmsh.model.mesh.getElementsByType(2)[1].astype(np.int64).reshape(-1, 3)]
     smallest = float(np.degrees(triangle_angles(xyz.reshape(-1, 3), triangles).min()))
-    return HXT if smallest >= NEEDLE_DEG else DELAUNAY
+    if name == "other" and smallest < NEEDLE_DEG:
+        raise ValueError("HXT is not tried on a surface of needles: it may take minutes")
+    return HXT if smallest >= NEEDLE_DEG and name == "auto" else DELAUNAY
 
 
 def _load_brep(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:

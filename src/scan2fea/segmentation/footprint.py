@@ -14,6 +14,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 _CELLS_PER_RADIUS = 1.5  # an edge of r / 1.5 holds 5 points of an evenly sampled surface: less than 1 % of its cells look empty
 _MOST_CELLS = 4_000_000
 DIRECTIONS = 4
+_ROWS_BEYOND = 3.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -81,7 +82,8 @@ def standing_parts(points: FloatArray, height: FloatArray, band_m: float, grid: 
 def directions_beyond(part: BoolArray, plane: BoolArray) -> int:
     """In how many of the four directions of the part's own axes the plane goes on beyond it.
 
-    part, plane : masks of one grid. Within the strip as wide as the part, at least a row's worth of plane cells must follow it.
+    part, plane : masks of one grid. Within the strip as wide as the part, at least three rows' worth of plane cells must follow it:
+    one or two come and go with the place of the grid where part and plane end flush.
     """
     inside, on_plane = np.argwhere(part).astype(float), np.argwhere(plane).astype(float)
     centre = inside.mean(axis=0)
@@ -91,9 +93,9 @@ def directions_beyond(part: BoolArray, plane: BoolArray) -> int:
     count = 0
     for along, across in ((0, 1), (1, 0)):
         strip = (plane_at[:, across] >= low[across]) & (plane_at[:, across] <= high[across])
-        row = max(1.0, high[across] - low[across])
-        count += int((strip & (plane_at[:, along] > high[along])).sum() >= row)
-        count += int((strip & (plane_at[:, along] < low[along])).sum() >= row)
+        rows = _ROWS_BEYOND * max(1.0, high[across] - low[across])
+        count += int((strip & (plane_at[:, along] > high[along])).sum() >= rows)
+        count += int((strip & (plane_at[:, along] < low[along])).sum() >= rows)
     return count
 
 

@@ -61,6 +61,8 @@ def test_free_beam_frequencies():
     assert (np.abs(result.frequencies_hz[:6]) < 1e-5 * result.frequencies_hz[6]).all()
     assert np.linalg.norm(result.mode_shapes, axis=2).max(axis=1) == pytest.approx(1.0)
     assert result.n_dof == 3 * len(result.displacement_m)
+    plain = (float, type(None))
+    assert all(type(x) in plain for c in result.cases for x in (c.value, c.expected, c.relative_error)), "the report writes them as JSON"
 
 
 def test_longitudinal_mode_of_a_free_bar():

@@ -26,8 +26,11 @@ def _relative(value: float, expected: float) -> float:
 
 
 def _case(name: str, measure: str, unit: str, value: float, expected: float | None = None) -> CaseResult:
-    error = None if expected is None else _relative(value, expected)
-    return CaseResult(name=name, measure=measure, unit=unit, value=float(value), expected=expected, relative_error=error)
+    if expected is None:
+        return CaseResult(name=name, measure=measure, unit=unit, value=float(value))
+    return CaseResult(
+        name=name, measure=measure, unit=unit, value=float(value), expected=float(expected), relative_error=_relative(float(value), float(expected))
+    )
 
 
 def held_nodes(model: FEModel) -> BoolArray:
@@ -94,7 +97,7 @@ def _modal(model: FEModel, system: System, tree: Tree | None, options: FeaOption
     sign = np.sign(elastic.reshape(len(elastic), -1)[np.arange(len(elastic)), peak])
     length = np.linalg.norm(elastic, axis=2).max(axis=1)
     rigid = float(np.abs(frequencies[:N_RIGID]).max())
-    share = rigid / frequencies[N_RIGID] if frequencies[N_RIGID] > 0 else math.inf
+    share = rigid / float(frequencies[N_RIGID]) if frequencies[N_RIGID] > 0 else math.inf
     cases = (
         *(_case("modal", f"f{k + 1}_hz", "Hz", float(frequencies[k])) for k in range(N_RIGID, len(frequencies))),
         CaseResult(name="modal", measure="rigid_max_hz", unit="Hz", value=rigid, expected=0.0, relative_error=share),

@@ -71,6 +71,8 @@ def _chain(made: Made, source: Tracked[Part], config: Config, record: Record) ->
     made.how.update(filled.value.how)
     _moved(made, "tets", boundary_surface(filled.value.tets))
     _verify_geometry(made)
+    if any(not check.passed for check in made.checks):
+        return  # a solution on a wrong mesh would only look like one
 
     tets = Tracked(filled.value.tets, filled.key)
     model = record("model", build_model, tets, options=config.fea, n_in=len(tets.value.nodes), count=lambda m: len(m.node_sets), keep=False)

@@ -29,7 +29,7 @@ class RemeshOptions:
     """How the surface is made fit for finite elements."""
 
     edge_m: float | None = option(None, "edge length of the triangles; from the data: twice the point spacing", unit="m", minimum=0)
-    max_faces: int = option(16_000, "edges are made longer where the surface would take more faces than this", unit="faces", minimum=100)
+    max_faces: int = option(10_000, "edges are made longer where the surface would take more faces than this", unit="faces", minimum=100)
     planes: bool = option(True, "find planes, make them exactly flat and their creases straight")
     rounds: int = option(6, "rounds of split, collapse, flip and smooth; 0 leaves the triangles as they are", unit="rounds", minimum=0, maximum=50)
 

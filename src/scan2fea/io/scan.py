@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from scan2fea.io.gather import Gathered, gather
 from scan2fea.io.lascrs import DEGREES
 from scan2fea.io.source import Piece, Source
 from scan2fea.options import option
-from scan2fea.types import FloatArray, IntArray, PointCloud, Scan, TriangleMesh, Value
+from scan2fea.types import ByteArray, FloatArray, IntArray, PointCloud, Scan, TriangleMesh, Value
 from scan2fea.units import BYTES_PER_GIB, METRES_PER_UNIT, metres_per
 
 # a point of the later chain: coordinates, ray, indices, normals, neighbours (about 15 of 8 bytes); and 56 more for the ray itself
@@ -235,14 +234,25 @@ def _normals(source: Source, gathered: Gathered) -> FloatArray | None:
     return np.divide(normals, length, out=np.full_like(normals, np.nan), where=usable) if bool(usable.any()) else None
 
 
-def _colour(source: Source, gathered: Gathered) -> Any:
-    """Bytes 0..255, from bytes, from 16-bit values (LAS, E57), or from shares 0..1."""
-    colour = _stacked(source, gathered, "red", "green", "blue")
-    if colour is None or not bool(np.isfinite(colour).all()):
+def _colour(source: Source, gathered: Gathered) -> ByteArray | None:
+    """Bytes 0..255, from bytes, from 16-bit values (LAS, E57), or from shares 0..1; None where every point is black."""
+    found = columns.find_all(source.columns, "red", "green", "blue")
+    if found is None or any(name not in gathered.columns for name in found):
         return None
-    largest, kind = float(colour.max(initial=0.0)), gathered.columns[columns.find(source.columns, "red") or ""].dtype.kind
-    factor = 255.0 if kind == "f" and largest <= 1.0 and bool((colour % 1 != 0).any()) else 1 / 257 if largest > 255 else 1.0
-    return np.clip(np.rint(colour * factor), 0, 255).astype(np.uint8)
+    channels = [gathered.columns[name] for name in found]
+    largest = max(float(channel.max(initial=0)) for channel in channels)
+    if not np.isfinite(largest) or largest <= 0:
+        return None
+    is_share = largest <= 1.0 and any(channel.dtype.kind == "f" and bool((channel % 1 != 0).any()) for channel in channels)
+    factor = 255.0 if is_share else 1 / 257 if largest > 255 else 1.0
+    colour = np.empty((len(channels[0]), 3), np.uint8)
+    for k, channel in enumerate(channels):
+        if channel.dtype == np.uint16:
+            table = np.clip(np.rint(np.arange(65536) * factor), 0, 255).astype(np.uint8)
+            colour[:, k] = table[channel]
+        else:
+            colour[:, k] = channel if channel.dtype == np.uint8 else np.clip(np.rint(channel * factor), 0, 255)
+    return colour
 
 
 def _intensity(source: Source, gathered: Gathered) -> FloatArray | None:

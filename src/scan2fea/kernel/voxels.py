@@ -18,7 +18,9 @@ from scan2fea.types import FloatArray, IntArray, Value
 
 _RECORD = 8  # float64 per cell: x, y, z of the first point; sum of offsets in x, y, z; count; first row
 _EMPTY = np.int64(-1)
+_BLOCK = 128  # rows whose loads run side by side
 _SMALLEST_TABLE = 1 << 12
+_LARGE = 1 << 21  # cells beyond which storage doubles; below it grows fourfold, as every step enters all cells again
 _MAX_CELL = 2.0**52  # beyond it floor(p / edge) is no longer exact in float64
 
 
@@ -65,35 +67,54 @@ def _find(fx: float, fy: float, fz: float, edge: float, tag: int, slot: int, tab
 
 
 @jit
+def _touch(points: FloatArray, start: int, stop: int, edge: float, table: npt.NDArray[np.int64], records: FloatArray, hashes: IntArray) -> float:
+    """Hash the cells of some rows and load what inserting them will look at: these loads run side by side, those of `_insert` one after the other."""
+    mask = len(table) - 1
+    for row in range(start, stop):
+        hashes[row - start] = _mix(np.floor(points[row, 0] / edge), np.floor(points[row, 1] / edge), np.floor(points[row, 2] / edge))
+    for k in range(stop - start):
+        hashes[_BLOCK + k] = table[hashes[k] & mask]
+    seen = 0.0
+    for k in range(stop - start):
+        if hashes[_BLOCK + k] != -1:
+            seen += records[hashes[_BLOCK + k] & 0xFFFFFFFF, 6]
+    return seen  # used, so that the loads are not optimised away
+
+
+@jit
 def _insert(
     points: FloatArray, start: int, row0: int, edge: float, table: npt.NDArray[np.int64], records: FloatArray, n_cells: int, cell_of_point: IntArray
-) -> tuple[int, int]:
-    """Add the rows from `start` until all are in or `records` is full; returns the next row and the number of cells."""
+) -> tuple[int, int, float]:
+    """Add the rows from `start` until all are in or `records` is full; returns the next row, the number of cells, and what `_touch` saw."""
     mask = len(table) - 1
-    for row in range(start, len(points)):
-        x, y, z = points[row, 0], points[row, 1], points[row, 2]
-        fx, fy, fz = np.floor(x / edge), np.floor(y / edge), np.floor(z / edge)
-        h = _mix(fx, fy, fz)
-        tag = h >> 31
-        slot = _find(fx, fy, fz, edge, tag, h & mask, table, records)
-        if table[slot] == -1:
-            if n_cells == len(records):
-                return row, n_cells
-            table[slot] = (tag << 32) | n_cells
-            records[n_cells, 0], records[n_cells, 1], records[n_cells, 2] = x, y, z
-            records[n_cells, 3], records[n_cells, 4], records[n_cells, 5] = 0.0, 0.0, 0.0
-            records[n_cells, 6] = 1.0
-            records[n_cells, 7] = row0 + row
-            cell_of_point[row] = n_cells
-            n_cells += 1
-        else:
-            cell = table[slot] & 0xFFFFFFFF
-            records[cell, 3] += x - records[cell, 0]
-            records[cell, 4] += y - records[cell, 1]
-            records[cell, 5] += z - records[cell, 2]
-            records[cell, 6] += 1.0
-            cell_of_point[row] = cell
-    return len(points), n_cells
+    hashes = np.empty(2 * _BLOCK, np.int64)
+    seen = 0.0
+    for block in range(start, len(points), _BLOCK):
+        stop = min(block + _BLOCK, len(points))
+        seen += _touch(points, block, stop, edge, table, records, hashes)
+        for row in range(block, stop):
+            x, y, z = points[row, 0], points[row, 1], points[row, 2]
+            h = hashes[row - block]
+            tag = h >> 31
+            slot = _find(np.floor(x / edge), np.floor(y / edge), np.floor(z / edge), edge, tag, h & mask, table, records)
+            if table[slot] == -1:
+                if n_cells == len(records):
+                    return row, n_cells, seen
+                table[slot] = (tag << 32) | n_cells
+                records[n_cells, 0], records[n_cells, 1], records[n_cells, 2] = x, y, z
+                records[n_cells, 3], records[n_cells, 4], records[n_cells, 5] = 0.0, 0.0, 0.0
+                records[n_cells, 6] = 1.0
+                records[n_cells, 7] = row0 + row
+                cell_of_point[row] = n_cells
+                n_cells += 1
+            else:
+                cell = table[slot] & 0xFFFFFFFF
+                records[cell, 3] += x - records[cell, 0]
+                records[cell, 4] += y - records[cell, 1]
+                records[cell, 5] += z - records[cell, 2]
+                records[cell, 6] += 1.0
+                cell_of_point[row] = cell
+    return len(points), n_cells, seen
 
 
 @jit
@@ -163,7 +184,7 @@ class VoxelStream:
         cells = np.empty(len(xyz), np.int64)
         row = 0
         while row < len(xyz):
-            row, self.n_cells = _insert(xyz, row, self.n_rows, self.edge_m, self._table, self._records, self.n_cells, cells)
+            row, self.n_cells, _ = _insert(xyz, row, self.n_rows, self.edge_m, self._table, self._records, self.n_cells, cells)
             if row < len(xyz):
                 self._grow()
         self.n_rows += len(xyz)
@@ -191,7 +212,8 @@ class VoxelStream:
         return self._records[: self.n_cells, 6].astype(np.int64)
 
     def _grow(self) -> None:
-        larger = np.empty((2 * len(self._records), _RECORD))
+        factor = 4 if len(self._records) < _LARGE else 2
+        larger = np.empty((factor * len(self._records), _RECORD))
         larger[: self.n_cells] = self._records[: self.n_cells]
         self._records = larger
         self._table = _empty_table(len(larger))

@@ -84,6 +84,12 @@ def test_pts_counts_blocks_and_bom(tmp_path):
     assert raw.n_points == 3 and raw.scan.cloud.colour.tolist() == [[1, 2, 3], [4, 5, 6], [7, 8, 9]]
 
 
+def test_rows_beyond_the_count_are_read_and_told(tmp_path):
+    (tmp_path / "a.pts").write_text("2\n0 0 0\n1 0 0\n2 0 0\n")
+    raw = read_scan(tmp_path / "a.pts")
+    assert raw.n_points == 3 and raw.notes == ("the file promises 2 points and holds 3: all were read",)
+
+
 def test_prose_above_the_rows_is_passed_over_and_told(tmp_path):
     (tmp_path / "a.txt").write_text("Exported by a scanner on Monday\n0 0 0\n1 1 1\n")
     raw = read_scan(tmp_path / "a.txt")

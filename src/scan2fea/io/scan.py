@@ -113,8 +113,15 @@ def read_scan(path: Path, options: InputOptions = InputOptions()) -> RawScan:
         T_world_frame=None,
         voxel_edge_m=gathered.voxel_edge_m,
         columns=source.columns,
-        notes=source.notes + gathered.notes + note,
+        notes=source.notes + gathered.notes + note + _surplus(entry.name, source, gathered),
     )
+
+
+def _surplus(form: str, source: Source, gathered: Gathered) -> tuple[str, ...]:
+    """Rows beyond the count that a text file begins with are read, and told."""
+    if form != "text" or source.n_points is None or gathered.n_rows == source.n_points:
+        return ()
+    return (f"the file promises {source.n_points} points and holds {gathered.n_rows}: all were read",)
 
 
 def _wanted(source: Source, labels: tuple[str, ...]) -> tuple[str, ...]:

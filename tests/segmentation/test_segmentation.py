@@ -103,13 +103,13 @@ def test_dense_and_sparse_parts_each_with_their_own_radius():
 
 def test_a_part_of_uneven_density_stays_whole():
     sheet = floor(1, 1, h=0.02)
-    patch = floor(0.3, 0.3, h=0.002) + [0.3, 0.3, 0]
+    patch = floor(0.3, 0.3, h=0.002) + np.array([0.3, 0.3, 0])
     labels = euclidean(PointCloud.of(np.concatenate([sheet, patch])))
     assert np.bincount(labels).max() > 0.999 * len(labels)
 
 
 def test_given_radius_equals_brute_force_and_is_checked():
-    points = np.concatenate([floor(0.2, 0.2), floor(0.2, 0.2) + [0, 0, 0.05]])
+    points = np.concatenate([floor(0.2, 0.2), floor(0.2, 0.2) + np.array([0, 0, 0.05])])
     labels = euclidean(PointCloud.of(points), SegmentationOptions(radius_m=0.03))
     assert len(np.unique(labels)) == 2
     assert len(np.unique(euclidean(PointCloud.of(points), SegmentationOptions(radius_m=0.06)))) == 1

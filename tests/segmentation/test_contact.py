@@ -1,0 +1,124 @@
+"""Inferred points appear on the resting face of what encloses it, and nowhere else."""
+
+import numpy as np
+import pytest
+
+from scan2fea.kernel.distances import distance_to_mesh, sample_surface
+from scan2fea.kernel.measures import area
+from scan2fea.kernel.transforms import random_rotation, rigid, rotation_about
+from scan2fea.segmentation import contact_points
+from scan2fea.simulation import shapes
+from scan2fea.types import PointCloud, Segments
+
+H, SIGMA = 0.008, 0.0004
+
+
+def sampled(mesh, seed=0):
+    points, _ = sample_surface(mesh, round(area(mesh) * (0.978 / H) ** 2), seed)
+    return points + SIGMA * np.random.default_rng(seed).standard_normal(points.shape)
+
+
+def scene(mesh, hidden, seed=0, T=None, keep=None):
+    """The solid on a floor at z = 0; `hidden(x, y)` says where the floor is not seen. Labels: 0 floor, 1 solid."""
+    body = sampled(mesh, seed)
+    body = body[body[:, 2] > 4 * SIGMA]
+    if keep is not None:
+        body = body[keep(body)]
+    n = round(2.4 * (0.978 / H) ** 2)
+    ground = np.c_[np.random.default_rng(seed + 1).random((n, 2)) * [2.0, 1.2] - [0.6, 0.4], np.zeros(n)]
+    ground = ground[~hidden(ground[:, 0], ground[:, 1])]
+    ground[:, 2] += SIGMA * np.random.default_rng(seed + 2).standard_normal(len(ground))
+    points = np.concatenate([ground, body])
+    if T is not None:
+        points = points @ T[:3, :3].T + T[:3, 3]
+    labels = np.repeat([0, 1], [len(ground), len(body)])
+    cloud = PointCloud.of(points, intensity=np.ones(len(points)))
+    return cloud, Segments(labels=labels, kinds=("support", "object"), how={})
+
+
+def added(cloud, segments):
+    own = cloud.take(segments.labels == 1)
+    found = contact_points(own, cloud, segments, 1)
+    assert found.points[: len(own)].tobytes() == own.points.tobytes()
+    return own, found
+
+
+BOX = shapes.posed(shapes.box(0.4, 0.3, 0.2), rigid(rotation_about((0, 0, 1), 0.4), (0.2, 0.1, 0)))
+
+
+def under_box(x, y):
+    c, s = np.cos(0.4), np.sin(0.4)
+    u, v = c * (x - 0.2) + s * (y - 0.1), -s * (x - 0.2) + c * (y - 0.1)
+    return (u > 0) & (u < 0.4) & (v > 0) & (v < 0.3)
+
+
+@pytest.mark.parametrize("seed", [0, 5])
+def test_a_box_gets_its_bottom(seed):
+    T = rigid(random_rotation(seed), [3, 2, 1]) if seed else np.eye(4)
+    own, found = added(*scene(BOX, under_box, seed, T))
+    new = found.points[len(own) :]
+    mesh = shapes.posed(BOX, T)
+    assert 0.7 * 0.12 < len(new) * H**2 < 1.2 * 0.12  # the face, a spacing apart
+    assert distance_to_mesh(new, mesh).distance.max() < SIGMA
+    assert found.is_inferred.tolist() == [False] * len(own) + [True] * len(new)
+    assert (found.ray[len(own) :] == -1).all()
+    assert np.isnan(found.normals[: len(own)]).all()
+    np.testing.assert_allclose(found.normals[len(own) :] @ T[:3, 2], -1, atol=1e-3)
+    assert np.isnan(found.intensity[len(own) :]).all()
+
+
+def test_a_drum_gets_its_bottom():
+    drum = shapes.posed(shapes.cylinder(0.2, 0.3), rigid(np.eye(3), (0.4, 0.2, 0)))
+    own, found = added(*scene(drum, lambda x, y: np.hypot(x - 0.4, y - 0.2) < 0.2))
+    assert distance_to_mesh(found.points[len(own) :], drum).distance.max() < SIGMA
+    assert len(found) - len(own) > 0.7 * np.pi * 0.04 / H**2
+
+
+def test_an_open_tube_gets_none_where_the_floor_is_seen_in_it():
+    tube = shapes.posed(shapes.chs(0.4, 0.03, 0.3), rigid(np.eye(3), (0.4, 0.2, 0)))
+
+    def wall(x, y):
+        r = np.hypot(x - 0.4, y - 0.2)
+        return (r < 0.2) & (r > 0.17)
+
+    own, found = added(*scene(tube, wall))
+    new = found.points[len(own) :]
+    assert (np.hypot(new[:, 0] - 0.4, new[:, 1] - 0.2) > 0.16).all()
+
+
+def test_a_tube_without_a_seen_top_gets_none():
+    tube = shapes.posed(shapes.chs(0.4, 0.03, 0.3), rigid(np.eye(3), (0.4, 0.2, 0)))
+    outside = lambda p: np.hypot(p[:, 0] - 0.4, p[:, 1] - 0.2) > 0.195  # noqa: E731
+    own, found = added(*scene(tube, lambda x, y: np.hypot(x - 0.4, y - 0.2) < 0.2, keep=outside))
+    assert len(found) == len(own)
+
+
+def test_a_box_of_which_a_side_was_not_seen_gets_none():
+    own, found = added(*scene(BOX, under_box, keep=lambda p: ~((p[:, 1] - 0.1 < np.tan(0.4) * (p[:, 0] - 0.2) + 0.02) & (p[:, 2] < 0.195))))
+    assert found is own
+
+
+def test_what_hangs_gets_none():
+    up = shapes.posed(BOX, rigid(np.eye(3), (0, 0, 0.2)))
+    own, found = added(*scene(up, lambda x, y: np.zeros(len(x), bool)))
+    assert found is own
+
+
+def test_on_a_table_that_is_an_object():
+    """The underside of the table's top lies below the whole face and does not count as floor seen through it."""
+    cloud, segments = scene(BOX, under_box)
+    top = cloud.points[segments.labels == 0]
+    points = np.concatenate([cloud.points, top - [0, 0, 0.03]])
+    labels = np.concatenate([segments.labels, np.zeros(len(top), np.int64)])
+    both = PointCloud.of(points)
+    own = both.take(labels == 1)
+    found = contact_points(own, both, Segments(labels=labels, kinds=("object", "object"), how={}), 1)
+    assert len(found) > len(own)
+    assert np.abs(found.points[len(own) :, 2]).max() < SIGMA
+
+
+def test_same_again_and_nothing_else_in_the_scene():
+    cloud, segments = scene(BOX, under_box)
+    assert added(cloud, segments)[1].points.tobytes() == added(cloud, segments)[1].points.tobytes()
+    alone = cloud.take(segments.labels == 1)
+    assert contact_points(alone, alone, Segments(labels=np.zeros(len(alone), np.int64), kinds=("object",), how={}), 0) is alone

@@ -358,6 +358,24 @@ def test_ptx_misses_get_their_directions_from_the_grid(tmp_path):
     np.testing.assert_allclose(rays.direction[missed][:n], direction[is_miss] @ rotation.T, atol=1e-9)
 
 
+@pytest.mark.parametrize("state", [1, 2])
+def test_e57_misses_by_state_and_by_grid(state, tmp_path):
+    import pye57
+
+    direction, reach, is_miss = swept()
+    local = direction * np.where(is_miss, 1.0 if state == 1 else 0.0, reach)[:, None]  # state 1: the direction is known; 2: nothing is
+    data = {f"cartesian{axis}": local[:, k].copy() for k, axis in enumerate("XYZ")}
+    order = np.arange(len(local))
+    data |= {"rowIndex": order % 15, "columnIndex": order // 15, "cartesianInvalidState": (is_miss * state).astype(np.int8)}
+    with pye57.E57(str(tmp_path / "a.e57"), "w") as file:
+        file.write_scan_raw(data, rotation=np.array([np.cos(0.35), 0, 0, np.sin(0.35)]), translation=np.array([10.0, 20.0, 1.5]))
+    raw = read_scan(tmp_path / "a.e57")
+    assert (raw.n_points, raw.n_misses, raw.sensor) == (360, int(is_miss.sum()), "known")
+    missed = np.isnan(raw.scan.rays.range_m)
+    np.testing.assert_allclose(raw.scan.rays.direction[missed], direction[is_miss] @ turned(0.7).T, atol=1e-5)
+    np.testing.assert_allclose(raw.scan.cloud.points, (direction * reach[:, None])[~is_miss] @ turned(0.7).T + [10, 20, 1.5], atol=1e-5)
+
+
 def test_ptx_of_a_cloud_that_no_scanner_saw_has_no_sensor(tmp_path):
     rows = "".join(f"{x!r} {y!r} {z!r} 0\n" for x, y, z in (POINTS + 1e5).tolist())
     (tmp_path / "a.ptx").write_text("8\n5\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n" + rows)

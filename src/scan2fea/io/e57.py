@@ -17,7 +17,7 @@ from scan2fea.errors import EmptyScanError, FormatError, require
 from scan2fea.io.misses import grid_directions
 from scan2fea.io.source import ROWS_PER_PIECE, Column, Piece, Source
 from scan2fea.kernel.transforms import quaternion_to_matrix
-from scan2fea.types import FloatArray
+from scan2fea.types import BoolArray, FloatArray
 
 _PAGE, _PAYLOAD = 1024, 1020  # bytes of a page with and without its checksum
 _LARGEST_XML = 1 << 26
@@ -151,16 +151,8 @@ def _buffers(path: Path, scan: _Scan, fields: list[str], capacity: int) -> Itera
 
 
 def _piece(scan: _Scan, read: dict[str, FloatArray], state: str, extra: tuple[str, ...]) -> Piece:
-    local, direction = _local(scan, read)
-    invalid = read[state] if state in read else np.zeros(len(local))
-    at_scanner = (local == 0).all(axis=1) & (scan.has_pose or scan.is_spherical)
-    is_miss = (invalid != 0) | at_scanner
-    direction[(invalid >= _NOTHING) | at_scanner] = np.nan
+    local = _local(scan, read)
     is_grid = all(name in read for name in _GRID)
-    swept = _swept(local, is_miss, read) if is_grid and bool((is_miss & np.isnan(direction[:, 0])).any()) else None
-    if swept is not None:
-        unknown = np.isnan(direction[:, 0])
-        direction[unknown] = swept[unknown]
     rotation, origin = scan.T_world_scanner[:3, :3], scan.T_world_scanner[:3, 3]
     is_placed = scan.has_pose and not np.array_equal(scan.T_world_scanner, np.eye(4))
     has_sensor = is_placed or scan.is_spherical or (is_grid and scan.has_pose)
@@ -169,27 +161,53 @@ def _piece(scan: _Scan, read: dict[str, FloatArray], state: str, extra: tuple[st
     if is_placed and all(name in kept for name in ("nx", "ny", "nz")):
         normals = np.stack([kept["nx"], kept["ny"], kept["nz"]], axis=1) @ rotation.T
         kept.update({name: normals[:, k] for k, name in enumerate(("nx", "ny", "nz"))})
+    is_miss, direction = _misses(scan, read, state, local)
     return Piece(
-        points=local @ rotation.T + origin if scan.has_pose else local,
+        points=local @ rotation.T + origin if is_placed else local,
         columns=kept,
         sensor=origin if has_sensor else None,
-        is_miss=is_miss if bool(is_miss.any()) else None,
-        direction=direction @ rotation.T,
+        is_miss=is_miss,
+        direction=None if direction is None else direction @ rotation.T,
     )
 
 
-def _local(scan: _Scan, read: dict[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Points in the frame of the scanner and the directions they were seen in (nan at the scanner itself)."""
+def _local(scan: _Scan, read: dict[str, FloatArray]) -> FloatArray:
+    """Points in the frame of the scanner."""
     if scan.is_spherical:
-        distance, azimuth, elevation = (read[name] for name in _SPHERICAL)
-        direction = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1)
-        return direction * distance[:, None], direction
-    local = np.stack([read[name] for name in _CARTESIAN], axis=1)
-    length = np.sqrt((local**2).sum(axis=1, keepdims=True))
-    return local, np.divide(local, length, out=np.full_like(local, np.nan), where=np.isfinite(length) & (length > 0))
+        return _looking(read) * read[_SPHERICAL[0]][:, None]
+    local = np.empty((len(read[_CARTESIAN[0]]), 3))
+    for k, name in enumerate(_CARTESIAN):
+        local[:, k] = read[name]
+    return local
 
 
-def _swept(local: FloatArray, is_miss: Any, read: dict[str, FloatArray]) -> FloatArray | None:
+def _looking(read: dict[str, FloatArray]) -> FloatArray:
+    """Directions of spherical coordinates."""
+    _, azimuth, elevation = (read[name] for name in _SPHERICAL)
+    return np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1)
+
+
+def _misses(scan: _Scan, read: dict[str, FloatArray], state: str, local: FloatArray) -> tuple[BoolArray | None, FloatArray | None]:
+    """Rays without return and the directions of all rays in the frame of the scanner (nan unknown); None where every ray brought a point."""
+    at_scanner = (local[:, 0] == 0) & (local[:, 1] == 0) & (local[:, 2] == 0) & (scan.has_pose or scan.is_spherical)
+    invalid = read[state] if state in read else np.zeros(1)
+    is_miss: BoolArray = (invalid != 0) | at_scanner
+    if not bool(is_miss.any()):
+        return None, None
+    if scan.is_spherical:
+        direction = _looking(read)
+    else:
+        length = np.sqrt((local**2).sum(axis=1, keepdims=True))
+        direction = np.divide(local, length, out=np.full_like(local, np.nan), where=np.isfinite(length) & (length > 0))
+    direction[(invalid >= _NOTHING) | (at_scanner & (not scan.is_spherical))] = np.nan
+    unknown = is_miss & np.isnan(direction[:, 0])
+    swept = _swept(local, is_miss, read) if bool(unknown.any()) and all(name in read for name in _GRID) else None
+    if swept is not None:
+        direction[unknown] = swept[unknown]
+    return is_miss, direction
+
+
+def _swept(local: FloatArray, is_miss: BoolArray, read: dict[str, FloatArray]) -> FloatArray | None:
     row, column = (read[name].astype(np.int64) for name in _GRID)
     if int(row.min()) < 0 or int(column.min()) < 0:
         return None

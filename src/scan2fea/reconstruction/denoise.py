@@ -22,6 +22,7 @@ from scan2fea.kernel.side_normals import (
     opposed_evidence,
     side_normals,
     spread_evidence,
+    wall_depth,
 )
 from scan2fea.kernel.winding import layout, winding
 from scan2fea.reconstruction.winding import SOFTENING, plain_areas
@@ -30,7 +31,8 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 NORMAL_RADIUS = 2.5  # spacings
 QUIET = 0.01  # of the spacing: noise below this is left alone
 NORMAL_ROUNDS, POINT_ROUNDS = 5, 3
-CLEAR = 0.3  # cosine of a sight line above which no noise of the normal hides the side: such points need no neighbours
+CLEAR = 0.3  # cosine of a sight line above which no noise of the normal hides the side
+MIXED = 4.0  # a wall thinner than this many thicknesses of its sheets lets them overlap
 GRAZING = 0.1  # mean cosine of the sight lines below which a sheet's side is taken from the sheets that face it
 WINDING_ROUNDS = 4
 OPPOSED_ROUNDS, OPPOSED_REACH = 3, 30.0  # spacings
@@ -73,7 +75,10 @@ def _settled(near: Near, normals: FloatArray, toward: FloatArray, sigma: float, 
     thickness = 1.5 * sigma + FLAT_SPACINGS * spacing_m
     flat = is_flat(near, normals, sigma, spacing_m)
     own = np.einsum("ij,ij->i", normals, toward)
-    evidence = spread_evidence(near, normals, own * np.where(flat, 1.0, 0.1), flat & (np.abs(own) >= CLEAR), thickness)
+    # where the noise mixes the two sheets of a wall they silence each other: there a point that sees its side clearly knows better
+    mixed = wall_depth(near.points, normals, spacing_m, MIXED * thickness) < MIXED * thickness
+    clear = mixed & flat & (np.abs(own) >= CLEAR)
+    evidence = spread_evidence(near, normals, own * np.where(flat, 1.0, 0.1), clear, thickness)
     signed = np.where(evidence[:, None] < 0, -normals, normals)
     for _ in range(OPPOSED_ROUNDS):
         sure = np.abs(evidence) >= GRAZING
@@ -81,7 +86,7 @@ def _settled(near: Near, normals: FloatArray, toward: FloatArray, sigma: float, 
             break
         told = opposed_evidence(near.points, signed, sure, spacing_m, OPPOSED_REACH * spacing_m, 2.0 * thickness)
         told = np.where(sure, np.minimum(np.abs(evidence), 1.0), told)  # in the frame of `signed`, sure normals speak for themselves
-        evidence = spread_evidence(near, signed, told, flat & (np.abs(evidence) >= CLEAR), thickness)
+        evidence = spread_evidence(near, signed, told, clear, thickness)
         signed = np.where(evidence[:, None] < 0, -signed, signed)
         evidence = np.abs(evidence)
     return crease_normals(near, _by_winding(near.points, signed, np.abs(evidence) < GRAZING, spacing_m), toward, flat, thickness)

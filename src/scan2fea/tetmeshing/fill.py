@@ -21,7 +21,8 @@ from scan2fea.tetmeshing.tets import boundary_of, proved, tagged, tet_mesh
 from scan2fea.types import Brep, FloatArray, IntArray, TetMesh, TriangleMesh, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
-GOOD_DEG = 10.0  # no further attempt and no optimisation above: clean gmsh meshes of thin parts reach 12 to 21
+GOOD_DEG = 10.0  # no optimisation above: clean gmsh meshes of thin parts reach 12 to 21
+ENOUGH_DEG = 8.0  # no second attempt above: half-way between what is good and what verification refuses
 LIMIT_DEG = float(TET_LIMITS["min_dihedral_deg"].fail or 0.0)
 MANY_FACES = 400  # B-Rep faces up to which meshing face by face makes sense; above it the faces are facets, smaller than elements
 
@@ -87,13 +88,13 @@ def fill(mesh: TriangleMesh, brep: Brep | None, options: FillOptions = FillOptio
     tried: list[dict[str, Any]] = []
     until = time.monotonic() + options.time_limit_s
     for attempt in _attempts(mesh, brep, edge, options):
-        if best is not None and best.worst_deg >= (GOOD_DEG if len(tried) < 2 else LIMIT_DEG):
+        if best is not None and best.worst_deg >= ENOUGH_DEG:
             break
         left = until - time.monotonic()
         if tried and left < 0.1 * options.time_limit_s:
             break
         try:
-            found = _run(attempt, mesh, brep, names, replace(options, time_limit_s=left))
+            found = _run(attempt, mesh, brep, names, replace(options, time_limit_s=left), size.max_edge_m)
         except MeshingError as error:
             tried.append({**vars(attempt), "error": str(error)})
             continue
@@ -123,13 +124,14 @@ def _attempts(mesh: TriangleMesh, brep: Brep | None, edge: float, options: FillO
                 yield _Attempt(route=route, algorithm=algorithm, edge_m=edge * finer, growth=options.growth * finer)
 
 
-def _run(attempt: _Attempt, mesh: TriangleMesh, brep: Brep | None, names: Names, options: FillOptions) -> _Found:
+def _run(attempt: _Attempt, mesh: TriangleMesh, brep: Brep | None, names: Names, options: FillOptions, max_edge_m: float) -> _Found:
     limits = {"time_limit_s": options.time_limit_s, "memory_limit_gib": options.memory_limit_gib}
     common = {"algorithm": attempt.algorithm, "good_deg": GOOD_DEG}
     if attempt.route == "brep" and brep is not None:
         fixed = options.edge_m is not None  # an edge that was asked for is kept, whatever it costs
         budget = {"max_tets": np.inf if fixed else options.max_elements, "max_nodes": np.inf if fixed else options.max_nodes}
-        job = {**common, **budget, "kind": "brep", "size_mm": attempt.edge_m * MILLIMETRES_PER_METRE}
+        sizes = {"size_mm": attempt.edge_m * MILLIMETRES_PER_METRE, "max_size_mm": max(max_edge_m, attempt.edge_m) * MILLIMETRES_PER_METRE}
+        job = {**common, **budget, **sizes, "kind": "brep"}
         found = _from_brep(job, mesh, brep, names, limits)
     else:
         found = _from_surface({**common, "kind": "surface", "growth": attempt.growth}, mesh, names, limits)

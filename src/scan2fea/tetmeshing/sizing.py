@@ -12,6 +12,7 @@ from scan2fea.kernel.thickness import wall_thickness
 from scan2fea.types import TriangleMesh
 
 WALLS_PER_EDGE = 2.0  # TET10 one element deep is within 0.5 % in bending (measured on the L-beam: edges of 2 and 4 walls, 0.1 and 0.3 %)
+MAX_WALLS_PER_EDGE = 6.0  # flat tets: smallest dihedral about 50 deg over this (measured 12 to 14 at 4); the limit of verification is 5
 COMPACT_TETS = 15_000  # a compact part gets this many: more says no more about it, and compact meshes fill up in the solver
 
 
@@ -21,9 +22,10 @@ COMPACT_NODES_PER_TET = 1.6
 
 @dataclass(frozen=True, kw_only=True)
 class Size:
-    """edge_m and the wall thickness it came from."""
+    """edge_m, the largest that walls allow whatever the budget, and the wall thickness both came from."""
 
     edge_m: float
+    max_edge_m: float
     wall_m: float
 
 
@@ -44,4 +46,5 @@ def element_size(mesh: TriangleMesh, max_tets: float, max_nodes: float, seed: in
     walls = wall_thickness(mesh, seed)
     wall = float(np.median(walls)) if len(walls) else 2 * volume / area
     wanted = min(WALLS_PER_EDGE * wall, edge_for(volume, area, COMPACT_TETS, np.inf))
-    return Size(edge_m=max(wanted, edge_for(volume, area, max_tets, max_nodes)), wall_m=wall)
+    most = MAX_WALLS_PER_EDGE * wall
+    return Size(edge_m=min(max(wanted, edge_for(volume, area, max_tets, max_nodes)), most), max_edge_m=most, wall_m=wall)

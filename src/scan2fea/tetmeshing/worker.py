@@ -3,7 +3,7 @@
 gmsh may crash, hang or eat memory on a bad surface; in a process of its own it takes nothing else along. The file is run by its path, so that it
 loads gmsh and numpy and not the rest of the package. It talks through two npz files and exits with 0 also where gmsh refuses (`error` says why).
 
-Job: kind "brep" (step, shift_mm, size_mm, max_tets, max_nodes) or "surface" (vertices, faces, growth); algorithm "hxt", "delaunay", "auto"
+Job: kind "brep" (step, shift_mm, size_mm, max_size_mm, max_tets, max_nodes) or "surface" (vertices, faces, growth); algorithm "hxt", "delaunay", "auto"
 (by the shape of the triangles) or "other" (than auto takes); good_deg: no optimisation above; memory_gib.
 Result, in the units of the job: nodes (n, 3), tets (m, 4), tags (n,) gmsh's numbers of the nodes, min_dihedral_deg, done (what ran, as text); brep
 also triangles (k, 3), face (k,) index of the STEP face of each, `coarser` than asked by, and face_centre, face_area of each STEP face, by which the
@@ -12,6 +12,7 @@ caller proves the order.
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import tempfile
@@ -28,7 +29,8 @@ from scan2fea.types import FloatArray, IntArray
 HXT, DELAUNAY = 10, 1  # Mesh.Algorithm3D
 # HXT took 50 s and more on surfaces with needles (an L-beam bisected down to 2 deg, a bracket with facetted holes), under a second on clean ones
 NEEDLE_DEG = 12.0
-SHORT_EDGE_FACTOR = 2.0  # elements beside a short edge may be twice as long: smallest triangle angle about 27 deg
+NARROW_FACTOR = 2.5  # elements beside a narrow face may be so much longer than it is wide: smallest triangle angle about 20 deg
+GROWTH = 0.4  # metres of edge per metre of distance
 
 
 def main(job_path: str, result_path: str) -> None:
@@ -67,7 +69,7 @@ def _end_with_parent(parent: int) -> None:
 def _run(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:
     options = {
         "General.Terminal": 0, "General.NumThreads": 1, "Mesh.MaxNumThreads1D": 1, "Mesh.MaxNumThreads2D": 1, "Mesh.MaxNumThreads3D": 1,
-        "Mesh.RandomSeed": 1, "Mesh.MeshSizeFromPoints": 1, "Mesh.MeshSizeFromCurvature": 0, "Mesh.OptimizeNetgen": 0, "Mesh.ElementOrder": 1,
+        "Mesh.RandomSeed": 1, "Mesh.MeshSizeFromCurvature": 0, "Mesh.OptimizeNetgen": 0, "Mesh.ElementOrder": 1,
     }  # fmt: skip
     for name, value in options.items():
         gmsh.option.setNumber(name, value)
@@ -85,7 +87,7 @@ def _run(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:
     for method in ("", "Netgen"):  # gmsh's own (swaps, smoothing) is quick, Netgen's thorough
         if worst >= float(job["good_deg"]):
             break
-        gmsh.model.mesh.optimize(method, niter=3 if method else 1)
+        gmsh.model.mesh.optimize(method, niter=1)
         better, kept, numbers = _tets(gmsh)
         if _worst(better, kept) > worst:
             nodes, tets, tags, worst = better, kept, numbers, _worst(better, kept)
@@ -99,17 +101,20 @@ def _mesh_within_budget(gmsh: Any, job: dict[str, Any]) -> tuple[int, float]:
     """Mesh faces and volume; again and coarser while over the budget. Returns the algorithm and how much coarser than asked."""
     coarser = 1.0
     for last in (False, False, False, True):
-        _size_points(gmsh, float(job["size_mm"]) * coarser, SHORT_EDGE_FACTOR * coarser)
+        _set_sizes(gmsh, float(job["size_mm"]) * coarser, NARROW_FACTOR * coarser)
         gmsh.model.mesh.generate(2)
         algorithm = _mesh_volume(gmsh, str(job["algorithm"]))
         nodes, tets, _ = _tets(gmsh)
         n_boundary = sum(len(t) for t in gmsh.model.mesh.getElements(2)[1])
         n_order_2 = 2 * len(nodes) + len(tets) + n_boundary // 2  # corners and edges; Euler on a ball: edges = nodes + tets + boundary / 2 - 1
         excess = max(n_order_2 / float(job["max_nodes"]), len(tets) / float(job["max_tets"]))
-        if excess <= 1 or last:
+        most = float(job["max_size_mm"]) / float(job["size_mm"])
+        if excess <= 1 or last or coarser >= most:
             break
-        coarser *= 1.03 * excess**0.5
+        coarser = min(coarser * 1.03 * excess**0.5, most)
         gmsh.model.mesh.clear()
+        for field in gmsh.model.mesh.field.list():
+            gmsh.model.mesh.field.remove(field)
     return algorithm, coarser
 
 
@@ -141,7 +146,7 @@ def _load_brep(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:
         entities = gmsh.model.occ.importShapes(str(path), highestDimOnly=False)
     gmsh.model.occ.translate([e for e in entities if e[0] == 3], *(float(x) for x in job["shift_mm"]))
     gmsh.model.occ.synchronize()
-    for name, value in {"Mesh.MeshSizeMin": 0.0, "Mesh.MeshSizeExtendFromBoundary": 1, "Mesh.Algorithm": 6}.items():
+    for name, value in {"Mesh.MeshSizeMin": 0.0, "Mesh.MeshSizeExtendFromBoundary": 0, "Mesh.MeshSizeFromPoints": 0, "Mesh.Algorithm": 6}.items():
         gmsh.option.setNumber(name, value)
     faces = [tag for _, tag in gmsh.model.getEntities(2)]
     centre = np.array([gmsh.model.occ.getCenterOfMass(2, tag) for tag in faces]).reshape(-1, 3)
@@ -149,16 +154,39 @@ def _load_brep(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:
     return {"face_centre": centre, "face_area": area}
 
 
-def _size_points(gmsh: Any, size: float, factor: float) -> None:
-    """Element size at each corner: `size`, or `factor` times the shortest edge there, so that a narrow strip is not filled with needles."""
+def _set_sizes(gmsh: Any, size: float, factor: float) -> None:
+    """Element size `size`, but near narrow faces and short edges only `factor` times their width or length, growing back by GROWTH with distance.
+
+    Without it a strip of width w beside elements of size h is filled with needles of w / h.
+    """
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
-    shortest: dict[int, float] = {}
-    for _, curve in gmsh.model.getEntities(1):
-        length = gmsh.model.occ.getMass(1, curve)
-        for _, point in gmsh.model.getBoundary([(1, curve)], combined=False, oriented=False):
-            shortest[point] = min(shortest.get(point, size), factor * length)
-    for point, value in shortest.items():
-        gmsh.model.mesh.setSize([(0, point)], value)
+    limit: dict[int, float] = {}
+    for face in gmsh.model.getEntities(2):
+        curves = [tag for _, tag in gmsh.model.getBoundary([face], combined=False, oriented=False)]
+        length = {tag: gmsh.model.occ.getMass(1, tag) for tag in curves}
+        width = 2 * gmsh.model.occ.getMass(*face) / sum(length.values())  # of a strip; of a triangle this is the inradius, a third of its height
+        width *= 3.0 if len(curves) == 3 else 1.0
+        for tag in curves:
+            limit[tag] = min(limit.get(tag, size), factor * min(width, length[tag]))
+    classes: dict[int, list[int]] = {}
+    for tag, value in limit.items():
+        if value < size:
+            classes.setdefault(math.floor(2 * math.log2(value / size)), []).append(tag)
+    fields = [_growing_field(gmsh, curves, min(limit[c] for c in curves), size) for _, curves in sorted(classes.items())]
+    smallest = gmsh.model.mesh.field.add("Min")
+    gmsh.model.mesh.field.setNumbers(smallest, "FieldsList", fields)
+    gmsh.model.mesh.field.setAsBackgroundMesh(smallest)
+
+
+def _growing_field(gmsh: Any, curves: list[int], low: float, high: float) -> int:
+    """Size `low` on the curves, growing to `high`. The distance is to places along the curves, set as close as the elements."""
+    longest = max(gmsh.model.occ.getMass(1, c) for c in curves)
+    distance, threshold = gmsh.model.mesh.field.add("Distance"), gmsh.model.mesh.field.add("Threshold")
+    gmsh.model.mesh.field.setNumbers(distance, "CurvesList", curves)
+    gmsh.model.mesh.field.setNumber(distance, "Sampling", min(10_000, max(20, math.ceil(longest / low))))
+    for name, value in {"InField": distance, "SizeMin": low, "SizeMax": high, "DistMin": low / 2, "DistMax": low / 2 + (high - low) / GROWTH}.items():
+        gmsh.model.mesh.field.setNumber(threshold, name, value)
+    return int(threshold)
 
 
 def _load_surface(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import sampled_rows, spacing
 from scan2fea.kernel.transforms import applied, rotated
 from scan2fea.options import option
-from scan2fea.types import FloatArray, PointCloud, Rays, Scan, Trajectory, Value
+from scan2fea.types import FloatArray, IntArray, PointCloud, Rays, Scan, Trajectory, Value
 
 _QUERIES = 2_000  # points of a frame that are compared
 _OTHERS = 100_000  # points of the other frames they are compared with
@@ -26,6 +26,9 @@ _NOT_KNOWN = {
     "normals": None,
     "colour": None,
 }
+_ASIDE_SPACINGS = 2.0
+_PATCH = 12
+_LEAST_OVERLAP = 0.2  # share of a frame's points that must overlap the others before their distance says anything
 _AGREE_SPACINGS = 3.0  # docs/design.md: inputs agree if their median nearest distance where they overlap is below 3 spacings
 
 
@@ -67,7 +70,7 @@ def place(
     require(sum(len(scan.cloud) for scan in moved), EmptyScanError, "no input is left after placing: none has a point and a pose")
     scan = joined(moved)
     stacked = np.array([np.full((4, 4), np.nan) if T is None else T for T in poses])
-    agreement = _agreement(scan.cloud, len(scans))
+    agreement = _agreement(scan, len(scans))
     notes = [f"{names[k]}: left out, {options.poses} gives no pose for it" for k in np.flatnonzero(~placed).tolist()]
     notes += _disagreements(scan.cloud, agreement, names)
     return Placed(scan=scan, trajectory=Trajectory(T_world_frame=stacked, placed=placed), agreement_m=agreement, notes=tuple(notes))
@@ -122,21 +125,42 @@ def _joined_rays(rays: Sequence[Rays]) -> Rays | None:
     return Rays(**columns)
 
 
-def _agreement(cloud: PointCloud, n_frames: int) -> FloatArray:
-    """(k,) per frame, from a seeded draw of its points against a seeded draw of the others'."""
+def _agreement(scan: Scan, n_frames: int) -> FloatArray:
+    """(k,) per frame, from a seeded draw of its points against a seeded draw of the others'.
+
+    Points overlap where the other surface lies over or under them, not beside them (a neighbouring part of the object). Points seen from
+    opposite sides are two faces of a wall, not one surface: they are left out where the sensors are known.
+    """
+    cloud = scan.cloud
+    view = scan.sensors() - cloud.points
     median = np.full(n_frames, np.nan)
     if len(np.unique(cloud.frame)) < 2:
         return median
     for frame in range(n_frames):
-        own, others = cloud.points[cloud.frame == frame], cloud.points[cloud.frame != frame]
-        if len(own) < 2 or len(others) < 2:
+        mine, rest = np.flatnonzero(cloud.frame == frame), np.flatnonzero(cloud.frame != frame)
+        if len(mine) < 2 or len(rest) < 2:
             continue
-        others = others[sampled_rows(len(others), _OTHERS, frame)]
-        distance = k_nearest(others, 1, own[sampled_rows(len(own), _QUERIES, frame)])[0][:, 0]
-        near = distance[distance <= _OVERLAP_SPACINGS * max(spacing(own), spacing(others))]
-        if len(near) > 0.02 * len(distance):
-            median[frame] = np.median(near)
+        rest = rest[sampled_rows(len(rest), _OTHERS, frame)]
+        own, others, drawn = cloud.points[mine], cloud.points[rest], sampled_rows(len(mine), _QUERIES, frame)
+        distance, nearest = k_nearest(others, 1, own[drawn])
+        h = max(spacing(own), spacing(others))
+        normal = _normals_at(own, drawn)
+        offset = others[nearest[:, 0]] - own[drawn]
+        aside = np.linalg.norm(offset - np.einsum("nc,nc->n", offset, normal)[:, None] * normal, axis=1)
+        near = (distance[:, 0] <= _OVERLAP_SPACINGS * h) & (aside <= _ASIDE_SPACINGS * h)
+        side = np.einsum("nc,nc->n", normal, view[mine][drawn]) * np.einsum("nc,nc->n", normal, view[rest][nearest[:, 0]])
+        near &= ~(side <= 0)  # nan, a view not known, counts as the same side
+        if near.mean() >= _LEAST_OVERLAP:
+            median[frame] = np.median(distance[near, 0])
     return median
+
+
+def _normals_at(points: FloatArray, rows: IntArray) -> FloatArray:
+    """(m, 3) unit normals at some of the points, of any sign."""
+    patch = points[k_nearest(points, _PATCH, points[rows])[1]]
+    patch = patch - patch.mean(axis=1, keepdims=True)
+    normal: FloatArray = np.linalg.eigh(np.einsum("mki,mkj->mij", patch, patch))[1][:, :, 0]
+    return normal
 
 
 def _disagreements(cloud: PointCloud, agreement: FloatArray, names: Sequence[str]) -> list[str]:

@@ -70,9 +70,9 @@ def place(
     require(sum(len(scan.cloud) for scan in moved), EmptyScanError, "no input is left after placing: none has a point and a pose")
     scan = joined(moved)
     stacked = np.array([np.full((4, 4), np.nan) if T is None else T for T in poses])
-    agreement = _agreement(scan, len(scans))
+    agreement, limit = _agreement(scan, len(scans))
     notes = [f"{names[k]}: left out, {options.poses} gives no pose for it" for k in np.flatnonzero(~placed).tolist()]
-    notes += _disagreements(scan.cloud, agreement, names)
+    notes += _disagreements(agreement, limit, names)
     return Placed(scan=scan, trajectory=Trajectory(T_world_frame=stacked, placed=placed), agreement_m=agreement, notes=tuple(notes))
 
 
@@ -125,17 +125,17 @@ def _joined_rays(rays: Sequence[Rays]) -> Rays | None:
     return Rays(**columns)
 
 
-def _agreement(scan: Scan, n_frames: int) -> FloatArray:
-    """(k,) per frame, from a seeded draw of its points against a seeded draw of the others'.
+def _agreement(scan: Scan, n_frames: int) -> tuple[FloatArray, FloatArray]:
+    """(k,) distance per frame, and (k,) what it may be, from a seeded draw of its points against a seeded draw of the others'.
 
     Points overlap where the other surface lies over or under them, not beside them (a neighbouring part of the object). Points seen from
     opposite sides are two faces of a wall, not one surface: they are left out where the sensors are known.
     """
     cloud = scan.cloud
     view = scan.sensors() - cloud.points
-    median = np.full(n_frames, np.nan)
+    median, limit = np.full(n_frames, np.nan), np.full(n_frames, np.nan)
     if len(np.unique(cloud.frame)) < 2:
-        return median
+        return median, limit
     for frame in range(n_frames):
         mine, rest = np.flatnonzero(cloud.frame == frame), np.flatnonzero(cloud.frame != frame)
         if len(mine) < 2 or len(rest) < 2:
@@ -151,8 +151,8 @@ def _agreement(scan: Scan, n_frames: int) -> FloatArray:
         side = np.einsum("nc,nc->n", normal, view[mine][drawn]) * np.einsum("nc,nc->n", normal, view[rest][nearest[:, 0]])
         near &= ~(side <= 0)  # nan, a view not known, counts as the same side
         if near.mean() >= _LEAST_OVERLAP:
-            median[frame] = np.median(distance[near, 0])
-    return median
+            median[frame], limit[frame] = np.median(distance[near, 0]), _AGREE_SPACINGS * h
+    return median, limit
 
 
 def _normals_at(points: FloatArray, rows: IntArray) -> FloatArray:
@@ -163,11 +163,9 @@ def _normals_at(points: FloatArray, rows: IntArray) -> FloatArray:
     return normal
 
 
-def _disagreements(cloud: PointCloud, agreement: FloatArray, names: Sequence[str]) -> list[str]:
+def _disagreements(agreement: FloatArray, limit: FloatArray, names: Sequence[str]) -> list[str]:
     bad = []
-    for frame in np.flatnonzero(np.isfinite(agreement)).tolist():
-        limit = _AGREE_SPACINGS * spacing(cloud.points[cloud.frame == frame])
-        if agreement[frame] > limit:
-            says = f"lies {agreement[frame]:.3g} m from the other inputs where they overlap (limit {limit:.3g} m); check its pose"
-            bad.append(f"{names[frame]}: {says}")
+    for frame in np.flatnonzero(agreement > limit).tolist():  # False where nan
+        says = f"lies {agreement[frame]:.3g} m from the other inputs where they overlap (limit {limit[frame]:.3g} m); check its pose"
+        bad.append(f"{names[frame]}: {says}")
     return bad

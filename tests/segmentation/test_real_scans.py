@@ -1,0 +1,59 @@
+"""Real scans, where they are: the steel tee leaves its table, labels of a file are believed, a bunny of ten scans is one object."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scan2fea.filtering import clean_up
+from scan2fea.io import InputOptions, read_mesh, read_scan
+from scan2fea.kernel.distances import distance_to_mesh
+from scan2fea.kernel.transforms import rigid, rotation_about
+from scan2fea.registration import RegistrationOptions, place, read_poses
+from scan2fea.segmentation import SegmentationOptions, segment_scene, select
+from scan2fea.simulation.shapes import posed
+
+DATA = Path(os.environ.get("SCAN2FEA_DATA", Path(__file__).parents[2] / "../shared/data"))
+pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the real scans are not here (SCAN2FEA_DATA)")
+
+
+@pytest.mark.parametrize(("name", "x", "yaw"), [("table_8in10in_tee_x4y24_45.pcd", 0.1016, 45.0), ("table_8in10in_tee_x0y24.pcd", 0.0, 0.0)])
+def test_the_tee_leaves_its_table(name, x, yaw):
+    """Against the CAD at the stated pose, which is 8 mm off the true one (NOTES.md): within 15 mm counts as the tee."""
+    scan = clean_up(read_scan(DATA / "structural/steel_tee" / name).scan).scan
+    found = segment_scene(scan)
+    cad = read_mesh(DATA / "structural/steel_tee/8in10in_tee_01.ply")
+    tee = posed(cad, rigid(rotation_about((0, 0, 1), np.radians(yaw)), (x, -0.6096, 0.0254)))
+    low, high = tee.vertices.min(axis=0) - 0.02, tee.vertices.max(axis=0) + 0.02
+    box = ((scan.cloud.points > low) & (scan.cloud.points < high)).all(axis=1)
+    is_tee = np.zeros(len(scan.cloud), bool)
+    is_tee[box] = distance_to_mesh(scan.cloud.points[box], tee).distance < 0.015
+    label = select(scan.cloud, found).labels[0]
+    mine = found.labels == label
+    assert (is_tee & mine).sum() / mine.sum() > 0.95
+    clear_of_the_table = is_tee & (scan.cloud.points[:, 2] > 0.02)
+    assert (clear_of_the_table & mine).sum() / clear_of_the_table.sum() > 0.99
+    assert found.kinds[0] == "support"
+
+
+def test_labels_of_the_file_are_believed():
+    scan = read_scan(DATA / "structural/pc2beam/test_points.txt", InputOptions(labels="7")).scan
+    found = segment_scene(scan, SegmentationOptions(method="given"))
+    assert len(found.kinds) == len(np.unique(scan.cloud.label))
+    for label in range(len(found.kinds)):
+        assert len(np.unique(scan.cloud.label[found.labels == label])) == 1
+
+
+def test_the_bunny_is_one_object():
+    folder = DATA / "registration/stanford_bunny"
+    files = [folder / name for name in ("bun000.ply", "bun045.ply", "bun090.ply", "bun180.ply", "bun270.ply", "bun315.ply", "chin.ply")]
+    names = [file.name for file in files]
+    poses = str(folder / "bun.conf")
+    scans = [read_scan(file).scan for file in files]
+    placed = place(scans, read_poses(Path(poses), names), names, RegistrationOptions(poses=poses))
+    assert placed.notes == ()
+    assert placed.agreement_m.max() < 0.0008  # NOTES.md: 0.52 to 0.58 mm to the reference; a wrong convention gives over 20 mm
+    found = segment_scene(placed.scan)
+    assert select(placed.scan.cloud, found).labels == (0,)
+    assert (found.labels == 0).mean() > 0.999

@@ -17,7 +17,7 @@ _UNITS = {9001: "m", 9002: "ft", 9003: "ft_us"}
 _GEOGRAPHIC = 2
 # EPSG: UTM zones of WGS 84, WGS 72, NAD83, ETRS89, ED50 are metric by definition
 _METRIC = ((32601, 32660), (32701, 32760), (32201, 32260), (32301, 32360), (26901, 26923), (25828, 25838), (23028, 23038))
-_UNIT = re.compile(r'(?:LENGTH)?UNIT\s*\[\s*"([^"]*)"\s*,\s*([-+0-9.eE]+)', re.IGNORECASE)
+_UNIT = re.compile(r'(?:LENGTH)?UNIT\s*\[\s*"([^"]*)"\s*,\s*([0-9]*\.?[0-9]+(?:[eE][-+]?[0-9]{1,3})?)', re.IGNORECASE)
 DEGREES = "deg"
 
 

@@ -48,7 +48,7 @@ def require_sound_chunks(path: Path, size: int, handle: IO[bytes], start: int, n
         FormatError,
         f"{path}: its chunks hold {points} points in {sizes} bytes, {n} in {room} are needed: it is damaged",
     )
-    if compressor == _LAYERED:
+    if compressor == _LAYERED or any(kind >= min(_LAYERS) for kind, _, _ in items):
         layers = sum(width if kind == _EXTRA_BYTES else _LAYERS.get(kind, 0) for kind, width, _ in items)
         _require_layers(path, handle, start + 8, chunks, row_bytes, layers)
 

@@ -118,6 +118,16 @@ def test_rows_that_are_not_finite_are_dropped_and_counted(tmp_path):
         read_scan(tmp_path / "b.xyz")
 
 
+@pytest.mark.parametrize("x, is_read", [(1e12, True), (-1e12, True), (1.0000001e12, False), (-1e300, False), (1.7e308, False)])
+def test_coordinates_that_are_none(x, is_read, tmp_path):
+    path = text_file(tmp_path / "a.xyz", [[x, 0, 0], [x, 1, 0]])
+    if is_read:
+        assert read_scan(path).n_points == 2
+    else:
+        with pytest.raises(InputError, match=r"has a coordinate of .* m, at most 1e\+12 m is read: it is damaged"):
+            read_scan(path)
+
+
 @pytest.mark.parametrize("rows", [[[1, 2, 3]], [[1, 2, 3]] * 9, [[k, 2 * k, 0] for k in range(9)]])
 def test_few_equal_and_collinear_points_are_read(rows, tmp_path):
     assert read_scan(text_file(tmp_path / "a.xyz", rows)).n_points == len(rows)

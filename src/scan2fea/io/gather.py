@@ -13,6 +13,7 @@ from scan2fea.io.source import Column, Piece
 from scan2fea.kernel.voxels import VoxelStream
 from scan2fea.types import BoolArray, FloatArray, IntArray, Rays
 
+_FARTHEST_M = 1e12  # beyond the solar system's planets: bytes that are no coordinates
 _SAMPLE = 200_000  # points from which the first edge is told
 _SAFETY = 4.0  # the first edge is that much smaller than the sample suggests: it only ever doubles
 
@@ -197,8 +198,11 @@ def _read(path: Path, pieces: Iterator[Piece], wanted: tuple[str, ...], scale: f
         found.n_dropped += int((~is_finite).sum() if piece.is_miss is None else (~is_finite & ~piece.is_miss).sum())
         first, n = found.n_rows, len(piece.points)
         sensor = None if piece.sensor is None else np.atleast_2d(piece.sensor if piece.sensor.ndim == 1 or whole else piece.sensor[is_hit]) * scale
+        points = _scaled(piece.points if whole else piece.points[is_hit], scale)
+        largest = max(float(points.max(initial=0.0)), -float(points.min(initial=0.0)))
+        require(largest <= _FARTHEST_M, InputError, f"{path} has a coordinate of {largest:.3g} m, at most {_FARTHEST_M:g} m is read: it is damaged")
         rows.add(
-            _scaled(piece.points if whole else piece.points[is_hit], scale),
+            points,
             np.arange(first, first + n) if whole else first + np.flatnonzero(is_hit),
             sensor,
             {name: np.asarray(piece.columns[name] if whole else piece.columns[name][is_hit]) for name in wanted},
@@ -209,7 +213,9 @@ def _read(path: Path, pieces: Iterator[Piece], wanted: tuple[str, ...], scale: f
 
 def _is_finite(points: FloatArray) -> BoolArray:
     """(k,) rows that are finite; where their sum is, all are, and that is told ten times faster."""
-    if bool(np.isfinite(points.sum())):
+    with np.errstate(over="ignore", invalid="ignore"):
+        total = points.sum()
+    if bool(np.isfinite(total)):
         return np.ones(len(points), bool)
     return np.asarray(np.isfinite(points).all(axis=1))
 

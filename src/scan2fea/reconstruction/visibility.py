@@ -16,7 +16,7 @@ from scan2fea.kernel.noise import spacing
 from scan2fea.options import option
 from scan2fea.reconstruction.carve import Carved, carve, gaps
 from scan2fea.reconstruction.denoise import first_normals
-from scan2fea.reconstruction.gates import Evidence, gates_seen
+from scan2fea.reconstruction.gates import Evidence, failed, gates_seen
 from scan2fea.reconstruction.outside import OutsideOptions
 from scan2fea.reconstruction.sensors import REJECTED, blocked_share, outer_side
 from scan2fea.reconstruction.unseen import unseen
@@ -76,27 +76,41 @@ def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> 
     known = np.asarray(np.isfinite(sensors).all(axis=1))
     if not options.use_sensors or known[measured].mean() < KNOWN_SHARE:
         return _unseen(scan, options, "unknown", {})
-    toward = outer_side(cloud.points, sensors, cloud.normals)
-    normals, sigma = first_normals(cloud.points, toward, h)
-    blocked = blocked_share(cloud.points, normals, sensors, h, sigma, options.seed)
+    seen = _seen(scan, options, sensors, h)
+    if seen is None:
+        return _unseen(scan, options, "rejected", {})
+    if not failed(seen.checks):
+        return seen
+    try:  # sensors that stand the test can still be too few: one look along a beam grazes all its faces
+        blind = _unseen(scan, options, "rejected", {"with_sensors": "; ".join(check.name for check in failed(seen.checks))})
+    except ReconstructionError:
+        return seen
+    return seen if failed(blind.checks) else blind
+
+
+def _seen(scan: Scan, options: VisibilityOptions, sensors: FloatArray, spacing_m: float) -> Reconstruction | None:
+    """The surface by the sensors; None where they do not stand the test."""
+    cloud = scan.cloud
+    normals, sigma = first_normals(cloud.points, outer_side(cloud.points, sensors, cloud.normals), spacing_m)
+    blocked = blocked_share(cloud.points, normals, sensors, spacing_m, sigma, options.seed)
     if blocked > REJECTED:
-        return _unseen(scan, options, "rejected", {"rays_blocked": blocked})
-    carved = carve(cloud.points, normals, sensors, h, sigma, quality_weight=options.quality_weight, seed=options.seed)
+        return None
+    carved = carve(cloud.points, normals, sensors, spacing_m, sigma, quality_weight=options.quality_weight, seed=options.seed)
     evidence = Evidence(
         points=cloud.points,
         mesh=carved.mesh,
         smoothed=carved.clean.points,
         normals=carved.clean.normals,
         thickness_m=carved.thickness_m,
-        gap_m=gaps(carved.clean.points, carved.clean.normals, h),
-        spacing_m=h,
+        gap_m=gaps(carved.clean.points, carved.clean.normals, spacing_m),
+        spacing_m=spacing_m,
         sigma_m=sigma,
         is_inferred=cloud.is_inferred,
     )
-    return _result(carved, h, sigma, "sensors", "known", gates_seen(evidence), {"rays_blocked": blocked})
+    return _result(carved, spacing_m, sigma, "sensors", "known", gates_seen(evidence), {"rays_blocked": blocked})
 
 
-def _unseen(scan: Scan, options: VisibilityOptions, sensor: str, how: Mapping[str, float]) -> Reconstruction:
+def _unseen(scan: Scan, options: VisibilityOptions, sensor: str, how: Mapping[str, float | str]) -> Reconstruction:
     outside = OutsideOptions(ball=options.ball, seed=options.seed)
     answer = unseen(scan.cloud.points, scan.cloud.is_inferred, outside, options.quality_weight)
     flood = answer.flood
@@ -105,7 +119,7 @@ def _unseen(scan: Scan, options: VisibilityOptions, sensor: str, how: Mapping[st
 
 
 def _result(
-    carved: Carved, spacing_m: float, sigma_m: float, source: str, sensor: str, checks: tuple[Check, ...], how: Mapping[str, float]
+    carved: Carved, spacing_m: float, sigma_m: float, source: str, sensor: str, checks: tuple[Check, ...], how: Mapping[str, float | str]
 ) -> Reconstruction:
     resolved = carved.resolved
     one = Check(

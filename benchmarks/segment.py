@@ -88,7 +88,7 @@ def chain(path: Path) -> None:
     chosen = timed("select", lambda: select(clean.scan.cloud, found))
     print(f"file to {len(chosen.labels)} labelled objects{time.perf_counter() - start:12.2f} s wall, peak {peak_mib():.0f} MiB")
     points = clean.scan.cloud.points
-    radius = 2.0 * spacing(points)  # small: the peer stores every pair, 13 GB at the radius that the scene needs
+    radius = 3.0 * spacing(points)  # the peer stores every pair: at the 24 mm that this uneven scene needs that is 13 GB
     ours = timed(f"components alone, r = {radius * 1e3:.1f} mm", lambda: int(radius_components(points, radius).max()) + 1)
     theirs = timed("scipy pairs + components", lambda: peer(points, radius))
     print(f"parts: {ours} and {theirs}")

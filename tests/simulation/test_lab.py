@@ -63,7 +63,13 @@ def test_without_noise_points_lie_on_their_objects():
     exact = simulate_lab(LabOptions(noise_m=0.0, density=0.05, overview_deg=0.0))
     points, label = points_of(exact)
     for i, thing in enumerate(exact.truth):
-        assert distance_to_mesh(points[label == i], thing.mesh).distance.max() < 1e-11
+        own = points[label == i]
+        nearest = distance_to_mesh(own, thing.mesh)
+        assert nearest.distance.max() < 1e-9  # double precision on needles of 3 m by 6 mm
+        a, b, c = np.moveaxis(thing.mesh.vertices[thing.mesh.faces[nearest.face]].astype(np.longdouble), 1, 0)
+        normal = np.cross(b - a, c - a)
+        above = np.abs(((own - a) * normal).sum(axis=1)) / np.sqrt((normal**2).sum(axis=1))
+        assert above.max() < 1e-12
 
 
 def test_same_seed_same_bytes_and_other_seed_other_points():

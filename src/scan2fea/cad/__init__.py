@@ -1,5 +1,6 @@
 """B-Rep and STEP: triangles to a CAD solid (AP214, millimetres), several solids to one assembly."""
 
+from scan2fea.cad.assembly import assembly
 from scan2fea.cad.brep import CadOptions, to_brep
 
-__all__ = ["CadOptions", "to_brep"]
+__all__ = ["CadOptions", "assembly", "to_brep"]

@@ -81,4 +81,3 @@ def _parts(shape: Any, kind: Any) -> list[Any]:
         found.append(walk.Current())
         walk.Next()
     return found
-

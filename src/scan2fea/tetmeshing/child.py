@@ -21,6 +21,7 @@ _REASONS = (
     ("recover", "the mesher could not keep all triangles of the surface", "remesh it: long thin triangles are the usual cause"),
     ("No elements in volume", "the surface encloses nothing", "repair the surface"),
     ("bad_alloc", "the mesher ran out of its memory", "raise tetmeshing.memory_limit_gib or mesh coarser"),
+    ("unable to allocate", "the mesher ran out of its memory", "raise tetmeshing.memory_limit_gib or mesh coarser"),
 )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,6 +24,7 @@ from scan2fea.units import MILLIMETRES_PER_METRE
 GOOD_DEG = 10.0  # no optimisation above: clean gmsh meshes of thin parts reach 12 to 21
 ENOUGH_DEG = 8.0  # no second attempt above: half-way between what is good and what verification refuses
 LIMIT_DEG = float(TET_LIMITS["min_dihedral_deg"].fail or 0.0)
+SHORT_S = 60.0  # less than this is not split between attempts
 MANY_FACES = 400  # B-Rep faces up to which meshing face by face makes sense; above it the faces are facets, smaller than elements
 
 
@@ -32,7 +33,9 @@ class FillOptions:
     """How a solid is filled with tets."""
 
     route: str = option("auto", "mesh the faces of the B-Rep anew, or keep the triangles of the surface", choices=("auto", "brep", "surface"))
-    edge_m: float | None = option(None, "edge length of the elements; without it two wall thicknesses, within the limits below", unit="m", minimum=0.0)
+    edge_m: float | None = option(
+        None, "edge length of the elements; two wall thicknesses, within the limits below, without it", unit="m", minimum=0.0
+    )
     max_elements: int = option(40_000, "largest number of tets that element sizes are chosen for", minimum=100)
     max_nodes: int = option(58_000, "TET10 nodes that element sizes are chosen for (a kept surface sets its own size)", minimum=100)
     growth: float = option(0.4, "how fast elements grow away from the kept triangles: metres of edge per metre of distance", minimum=0.0, maximum=2.0)
@@ -83,29 +86,37 @@ def fill(mesh: TriangleMesh, brep: Brep | None, options: FillOptions = FillOptio
     require(volume > 0, MeshingError, f"the surface encloses {volume:.6g} m3: it is inside out or flat; repair it first")
     names = names_of(mesh, brep)
     size = element_size(mesh, options.max_elements, options.max_nodes, options.seed)
+    require(options.edge_m is None or options.edge_m > 0, MeshingError, f"tetmeshing.edge_m is {options.edge_m} m; it must be greater than 0")
     edge = size.edge_m if options.edge_m is None else options.edge_m
-    best: _Found | None = None
+    best, chosen, tried = _best(_attempts(mesh, brep, edge, options), lambda a, o: _run(a, mesh, brep, names, o, size.max_edge_m), options)
+    how = {**vars(chosen), "done": best.done, "min_dihedral_deg": best.worst_deg, "wall_m": size.wall_m, "attempts": tried}
+    return Filled(tets=tet_mesh(best.nodes, best.tets, best.boundary, best.face_tag, names.names, options.order), how=how)
+
+
+def _best(
+    attempts: Iterator[_Attempt], run: Callable[[_Attempt, FillOptions], _Found], options: FillOptions
+) -> tuple[_Found, _Attempt, tuple[dict[str, Any], ...]]:
+    """The first attempt that is good enough, else the best that time allowed, and what was tried. Raises MeshingError where none succeeds."""
+    best: tuple[_Found, _Attempt] | None = None
     tried: list[dict[str, Any]] = []
     until = time.monotonic() + options.time_limit_s
-    for attempt in _attempts(mesh, brep, edge, options):
-        if best is not None and best.worst_deg >= ENOUGH_DEG:
-            break
+    for attempt in attempts:
         left = until - time.monotonic()
-        if tried and left < 0.1 * options.time_limit_s:
+        if (best is not None and best[0].worst_deg >= ENOUGH_DEG) or (tried and left < 0.1 * options.time_limit_s):
             break
+        share = max(left / 2, min(left, SHORT_S))  # a hanging attempt leaves time for another
         try:
-            found = _run(attempt, mesh, brep, names, replace(options, time_limit_s=left), size.max_edge_m)
+            found = run(attempt, replace(options, time_limit_s=share))
         except MeshingError as error:
             tried.append({**vars(attempt), "error": str(error)})
             continue
-        attempt = replace(attempt, edge_m=found.edge_m)
-        tried.append({**vars(attempt), "done": found.done, "n_tets": len(found.tets), "min_dihedral_deg": found.worst_deg})
-        if best is None or found.worst_deg > best.worst_deg:
-            best, chosen = found, attempt
+        ran = replace(attempt, edge_m=found.edge_m)
+        tried.append({**vars(ran), "done": found.done, "n_tets": len(found.tets), "min_dihedral_deg": found.worst_deg})
+        if best is None or found.worst_deg > best[0].worst_deg:
+            best = found, ran
     if best is None:
         raise MeshingError(str(tried[0]["error"]))
-    how = {**vars(chosen), "done": best.done, "min_dihedral_deg": best.worst_deg, "wall_m": size.wall_m, "attempts": tuple(tried)}
-    return Filled(tets=tet_mesh(best.nodes, best.tets, best.boundary, best.face_tag, names.names, options.order), how=how)
+    return (*best, tuple(tried))
 
 
 def _attempts(mesh: TriangleMesh, brep: Brep | None, edge: float, options: FillOptions) -> Iterator[_Attempt]:

@@ -3,8 +3,8 @@
 gmsh may crash, hang or eat memory on a bad surface; in a process of its own it takes nothing else along. The file is run by its path, so that it
 loads gmsh and numpy and not the rest of the package. It talks through two npz files and exits with 0 also where gmsh refuses (`error` says why).
 
-Job: kind "brep" (step, shift_mm, size_mm, max_size_mm, max_tets, max_nodes) or "surface" (vertices, faces, growth); algorithm "hxt", "delaunay", "auto"
-(by the shape of the triangles) or "other" (than auto takes); good_deg: no optimisation above; memory_gib.
+Job: kind "brep" (step, shift_mm, size_mm, max_size_mm, max_tets, max_nodes) or "surface" (vertices, faces, growth); algorithm "hxt", "delaunay",
+"auto" (by the shape of the triangles) or "other" (than auto takes); good_deg: no optimisation above; memory_gib.
 Result, in the units of the job: nodes (n, 3), tets (m, 4), tags (n,) gmsh's numbers of the nodes, min_dihedral_deg, done (what ran, as text); brep
 also triangles (k, 3), face (k,) index of the STEP face of each, `coarser` than asked by, and face_centre, face_area of each STEP face, by which the
 caller proves the order.
@@ -45,7 +45,8 @@ def main(job_path: str, result_path: str) -> None:
     try:
         found = _run(gmsh, job)
     except Exception as error:  # noqa: BLE001 - gmsh raises bare Exception; the reason goes to the parent
-        found = {"error": np.array(f"{error} {gmsh.logger.getLastError()}".strip())}
+        reasons = dict.fromkeys(str(r).strip() for r in (error, gmsh.logger.getLastError()) if str(r).strip())
+        found = {"error": np.array("; ".join(reasons) or type(error).__name__)}
     gmsh.finalize()
     np.savez(result_path, **found)
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -89,11 +90,14 @@ def _read_all(inputs: Sequence[Path], options: InputOptions, record: Record) -> 
     raws: list[Tracked[RawScan]] = []
     rows: list[dict[str, Any]] = []
     reasons: list[str] = []
+    sizes = [path.stat().st_size if path.is_file() else 0 for path in inputs]
     for number, path in enumerate(inputs):
+        # the memory allowed is that of the scene: each file has the share of its size
+        own = replace(options, memory_gib=options.memory_gib * sizes[number] / (sum(sizes) or 1))
         try:
             existing_file(path)
             source = Tracked(path, key_of("file", sha256_of(path)))
-            raw = record("read", read_scan, source, options=options, n_in=1, count=lambda r: len(r.scan.cloud), extra=None)
+            raw = record("read", read_scan, source, options=own, n_in=1, count=lambda r: len(r.scan.cloud), extra=None)
         except InputError as error:
             reasons.append(str(error))
             rows.append(input_row(path, None, str(error)))

@@ -11,7 +11,9 @@ from scan2fea.cad.patchwork import Patchwork, patchwork
 from scan2fea.cad.readback import ReadBack, read_back
 from scan2fea.cad.step_text import step_text
 from scan2fea.errors import CadError, require
+from scan2fea.kernel.measures import volume as enclosed_volume
 from scan2fea.kernel.planar_regions import PLANAR_TOLERANCE, PlanarRegions, planar_regions
+from scan2fea.kernel.topology import face_components
 from scan2fea.options import option
 from scan2fea.types import Brep, TriangleMesh
 
@@ -42,7 +44,9 @@ def to_brep(mesh: TriangleMesh, options: CadOptions = CadOptions()) -> Brep:
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     require(len(faces) >= 4, CadError, f"the surface has {len(faces)} triangles; a solid needs at least 4")
     require(np.isfinite(vertices).all(), CadError, "the surface has vertices that are not finite numbers; repair it first")
-    volume = _volume(mesh)
+    n_parts = face_components(faces)[0]
+    require(n_parts == 1, CadError, f"the surface is {n_parts} separate surfaces; a solid has one: keep the largest, or split the object")
+    volume = enclosed_volume(mesh)
     require(volume > 0, CadError, f"the surface encloses {volume:.6g} m3: it is inside out or flat; repair it first")
     first_problem = ""
     for patches, deviation in _candidates(mesh, options.planar_tolerance):
@@ -68,12 +72,6 @@ def _candidates(mesh: TriangleMesh, tolerance: float) -> Iterator[tuple[Patchwor
         none = PlanarRegions(label=np.full(len(mesh.faces), -1, np.int64), ids=regions.ids[:0], normal=regions.normal[:0], point=regions.point[:0],
                              deviation_m=regions.deviation_m[:0], n_not_planar=0, n_cut_off=0)  # fmt: skip
         yield patchwork(mesh, none, 0.0), 0.0
-
-
-def _volume(mesh: TriangleMesh) -> float:
-    v = np.asarray(mesh.vertices) - np.mean(mesh.vertices, axis=0)
-    a, b, c = (v[np.asarray(mesh.faces)[:, k]] for k in range(3))
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
 def _names(patches: Patchwork) -> tuple[str, ...]:

@@ -56,7 +56,7 @@ def pinched_vertices(mesh: TriangleMesh, label: IntArray, twin: IntArray) -> Int
     return np.flatnonzero((n_borders > n_labels) & (n_borders > 2))
 
 
-def unpinched(mesh: TriangleMesh, neighbours: Neighbours, labelled: Labelled, scale: Scale) -> Labelled:
+def unpinched(mesh: TriangleMesh, neighbours: Neighbours, labelled: Labelled, scale: Scale, *, may_join: bool = True) -> Labelled:
     """The labels with every pinch of a plane resolved: the run that parts it from itself joins it if it lies near enough to the plane, else
     the smaller of its own runs becomes what lies beside it.
     """
@@ -73,7 +73,7 @@ def unpinched(mesh: TriangleMesh, neighbours: Neighbours, labelled: Labelled, sc
                 again = next((name for name in names if names.count(name) > 1), None)
                 if again is None:
                     continue
-            changed |= _resolve(mesh, neighbours, labelled, label, around, again, scale, may_join=attempt < ROUNDS // 2)
+            changed |= _resolve(mesh, neighbours, labelled, label, around, again, scale, may_join=may_join and attempt < ROUNDS // 2)
         if not changed:
             break
     return replace(labelled, label=label)

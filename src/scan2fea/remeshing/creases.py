@@ -9,14 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
+from scan2fea.kernel.distances import PointToMesh, sample_surface
 from scan2fea.kernel.measures import extent
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.primitives import Plane, meeting_point
 from scan2fea.kernel.topology import half_edges, neighbour_vertices, surface_topology
 from scan2fea.remeshing.borders import outgoing, unpinched
-from scan2fea.remeshing.planes import Labelled, Neighbours, Scale, one_piece_each
-from scan2fea.remeshing.polygons import triangulated
+from scan2fea.remeshing.planes import Labelled, Neighbours, Scale, one_piece_each, tidied
+from scan2fea.remeshing.polygons import crossing_corners, triangulated
 from scan2fea.types import FloatArray, IntArray, TriangleMesh, Value
 
 EXACT = 1e-9  # of the size: farther than this off a plane is not on it
@@ -24,6 +26,10 @@ REACHES = 2.0  # of Scale.reach_m: a corner may move this far, the line of two p
 TUNNEL = 12.0  # spacings round the largest tunnel or speck that is filled across
 FAIRING = 8  # rounds over the border between a plane and free form (Taubin 1995)
 TAUBIN = (0.5, -0.53)
+ATTEMPTS = 12
+RETREAT = 2.0  # spacings round trouble that become free form, one more at each attempt
+STRAYED = 0.05  # share of a plane
+SAMPLES = 20_000  # of the new surface
 RINGS = 2  # of faces round a crossing that are relaxed
 
 
@@ -50,7 +56,8 @@ class _Rebuild:
         self.n_borders = np.bincount(self.ends[self.is_border, 0], minlength=len(mesh.vertices))
         self.points = mesh.vertices.copy()
         self.extra: list[FloatArray] = []
-        self.bad: set[int] = set()
+        self.bad: set[int] = set()  # planes that have to be given up
+        self.trouble: list[IntArray] = []  # old vertices round which planes cannot be joined
         self.lines: dict[int, list[int]] = {}
         self.size = extent(mesh.vertices)
 
@@ -72,7 +79,8 @@ class _Rebuild:
             place = meeting_point(planes, self.mesh.vertices[v])
             off = max(abs(float(plane.distance(place))) for plane in planes)
             if off > EXACT * self.size or np.linalg.norm(place - self.mesh.vertices[v]) > REACHES * self.scale.reach_m:
-                self.bad.add(self.smallest(names))
+                self.trouble.append(np.array([v]))
+                continue
             self.points[v] = place
 
     def loops(self, number: int) -> list[list[int]]:
@@ -103,7 +111,7 @@ class _Rebuild:
             return False
         length = float(np.linalg.norm(self.mesh.vertices[self.ends[loop, 0]] - self.mesh.vertices[self.ends[loop, 1]], axis=1).sum())
         if length > TUNNEL * self.scale.spacing_m:
-            self.bad.add(self.smallest({number, beyond}))
+            self.trouble.append(self.ends[loop, 0])
         return True
 
     def ring(self, number: int, loop: list[int]) -> IntArray:
@@ -121,8 +129,9 @@ class _Rebuild:
             line = self.lines[key]
             return line[::-1][:-1]
         last = int(self.ends[chain[-1], 1])
-        if not self._is_straight(number, beyond, vertices, last):
-            self.bad.add(self.smallest({number, beyond}))
+        trouble = self._off_line([*vertices, last])
+        if len(trouble):
+            self.trouble.append(trouble)
             self.lines[key] = [*vertices, last]
             return vertices
         p, q = self.points[vertices[0]], self.points[last]
@@ -133,15 +142,17 @@ class _Rebuild:
         self.lines[key] = [vertices[0], *range(first, first + n - 1), last]
         return self.lines[key][:-1]
 
-    def _is_straight(self, number: int, beyond: int, vertices: list[int], last: int) -> bool:
-        """Does the line of the two planes run along the old border, the same way?"""
-        p, q = self.points[vertices[0]], self.points[last]
-        old = self.mesh.vertices[[*vertices, last]]
+    def _off_line(self, chain: list[int]) -> IntArray:
+        """Vertices of a border between two planes that is not where their line runs: all of it where the line runs the other way."""
+        p, q = self.points[chain[0]], self.points[chain[-1]]
+        old = self.mesh.vertices[chain]
         way, length = q - p, float(np.linalg.norm(q - p))
         if length < 1e-3 * self.scale.spacing_m or way @ (old[-1] - old[0]) <= 0:
-            return False
+            return np.array(chain if len(chain) < 12 else [chain[0], chain[-1]])
         off = np.linalg.norm(np.cross(old - p, way / length), axis=1)
-        return bool(off.max() <= REACHES * self.scale.reach_m)
+        if np.percentile(off, 90) <= self.scale.reach_m:
+            return np.zeros(0, np.int64)
+        return np.array(chain)[off > self.scale.reach_m]
 
     def fair_free_borders(self) -> None:
         """Border vertices between a plane and free form put onto the plane and smoothed in it, corners held."""
@@ -175,7 +186,7 @@ class _Rebuild:
         self.corners()
         self.fair_free_borders()
         rings = {k: [self.ring(k, loop) for loop in self.loops(k) if not self.is_tunnel(k, loop)] for k in range(len(self.areas))}
-        if self.bad:
+        if self.trouble:
             return None
         points = np.concatenate([self.points, np.array(self.extra).reshape(-1, 3)])
         faces, regions = [self.mesh.faces[self.label < 0]], [np.full(int((self.label < 0).sum()), -1, np.int64)]
@@ -185,13 +196,26 @@ class _Rebuild:
             xy = points @ self.labelled.plane(k).axes().T
             new = triangulated(loops, xy - xy[loops[0][0]])
             if new is None:
-                self.bad.add(k)
+                self._tangled(k, loops, points, xy)
                 continue
             faces.append(new)
             regions.append(np.full(len(new), k, np.int64))
-        if self.bad:
+        if self.bad or self.trouble:
             return None
         return _compact(*_without_repeated_edges(points, np.concatenate(faces), np.concatenate(regions)))
+
+
+    def _tangled(self, number: int, loops: list[IntArray], points: FloatArray, xy: FloatArray) -> None:
+        """Enter where the border of a plane crosses itself, or give the plane up."""
+        where = crossing_corners(loops, xy)
+        if not len(where):
+            self.bad.add(number)
+            return
+        self.trouble.append(self.nearest_old(points[where]))
+
+    def nearest_old(self, places: FloatArray) -> IntArray:
+        """The old vertices nearest to places."""
+        return np.unique(cKDTree(self.mesh.vertices).query(places)[1]).astype(np.int64)
 
 
 def _compact(points: FloatArray, faces: IntArray, region: IntArray) -> TriangleMesh:
@@ -235,16 +259,12 @@ def _without_repeated_edges(points: FloatArray, faces: IntArray, region: IntArra
     return points, faces, region
 
 
-def _crossing_plane(mesh: TriangleMesh, pairs: IntArray, rebuild: _Rebuild) -> int:
-    """The plane to give up because faces cross: the smallest of those in the pairs; where only free form crosses, the smallest near it."""
-    region = np.full(len(mesh.faces), -1) if mesh.face_region is None else mesh.face_region
-    rows = np.unique(pairs)
-    for _ in range(20):
-        names = set(region[rows].tolist())
-        if max(names) >= 0:
-            return rebuild.smallest(names)
-        rows = np.flatnonzero(np.isin(mesh.faces, mesh.faces[rows]).any(1))
-    return int(rebuild.areas.argmin())
+def _crossing_places(mesh: TriangleMesh, pairs: IntArray) -> FloatArray:
+    """Where faces cross: the middle of the smaller face of each pair (planes are filled with long ones)."""
+    tri = mesh.vertices[mesh.faces]
+    area = np.linalg.norm(np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0]), axis=1)
+    small = np.where(area[pairs[:, 0]] <= area[pairs[:, 1]], pairs[:, 0], pairs[:, 1])
+    return np.asarray(tri[small].mean(1))
 
 
 def _relaxed(mesh: TriangleMesh, pairs: IntArray) -> TriangleMesh:
@@ -252,17 +272,22 @@ def _relaxed(mesh: TriangleMesh, pairs: IntArray) -> TriangleMesh:
     if mesh.face_region is None:
         return mesh
     rows = np.unique(pairs)
+    near = np.zeros(len(mesh.vertices), bool)
+    near[mesh.faces[rows]] = True
     for _ in range(RINGS):
-        rows = np.flatnonzero(np.isin(mesh.faces, mesh.faces[rows]).any(1))
-    held = np.ones(len(mesh.vertices), bool)
-    held[mesh.faces[rows]] = False
+        near[mesh.faces[near[mesh.faces].any(1)]] = True
+    held = ~near
     held[mesh.faces[mesh.face_region >= 0]] = True
     move = np.flatnonzero(~held)
     start, other = neighbour_vertices(mesh.faces, len(mesh.vertices))
     points = mesh.vertices.copy()
+    if not len(move):
+        return mesh
+    count = np.diff(start)[move]
+    around = np.concatenate([other[start[v] : start[v + 1]] for v in move])
+    first = np.concatenate([[0], np.cumsum(count)[:-1]])
     for _ in range(10):
-        for v in move:
-            points[v] = 0.5 * points[v] + 0.5 * points[other[start[v] : start[v + 1]]].mean(0)
+        points[move] = 0.5 * points[move] + 0.5 * np.add.reduceat(points[around], first, axis=0) / count[:, None]
     return replace(mesh, vertices=points)
 
 
@@ -280,22 +305,59 @@ def _without_crossings(mesh: TriangleMesh) -> tuple[TriangleMesh, IntArray]:
     return mesh, pairs
 
 
+def _strayed(new: TriangleMesh, rebuild: _Rebuild) -> set[int]:
+    """Planes that left their data: of their old vertices more than STRAYED lie farther than the reach from the new surface, or of samples of the
+    new plane from the old surface.
+    """
+    reach, old, label = rebuild.scale.reach_m, rebuild.mesh, rebuild.label
+    gap = PointToMesh(new).nearest(old.vertices).distance[old.faces].max(1) > reach
+    share = np.bincount(label[gap & (label >= 0)], minlength=len(rebuild.areas)) / np.maximum(np.bincount(label[label >= 0], minlength=len(rebuild.areas)), 1)
+    places, face = sample_surface(new, SAMPLES, 0)
+    far = PointToMesh(old).nearest(places).distance > reach
+    region = np.full(len(new.faces), -1) if new.face_region is None else new.face_region
+    name = region[face]
+    count = np.bincount(name[name >= 0], minlength=len(rebuild.areas))
+    back = np.bincount(name[far & (name >= 0)], minlength=len(rebuild.areas)) / np.maximum(count, 1)
+    bad = np.flatnonzero((share > STRAYED) | ((back > STRAYED) & (count > 20)))
+    return {int(min(bad, key=lambda k: (rebuild.areas[k], k)))} if len(bad) else set()
+
+
 def flattened(mesh: TriangleMesh, neighbours: Neighbours, labelled: Labelled, scale: Scale, edge_m: float) -> Flattened:
-    """The mesh with every plane of `labelled` that can be rebuilt made flat. edge_m : length of the pieces a crease is cut into."""
+    """The mesh with every plane of `labelled` that can be rebuilt made flat. edge_m : length of the pieces a crease is cut into.
+
+    Where planes cannot be joined the faces round that place become free form, a wider place at each attempt.
+    """
     current = one_piece_each(mesh, neighbours, labelled)
-    undone = 0
-    while len(current.offset):
+    wanted = len(current.offset)
+    for attempt in range(ATTEMPTS):
+        if not len(current.offset):
+            break
         rebuild = _Rebuild(mesh, neighbours, current, scale, edge_m)
         new = rebuild.filled()
-        bad = rebuild.bad
         if new is not None:
             new, pairs = _without_crossings(new)
-            if not len(pairs) and surface_topology(new).is_clean:
-                return Flattened(mesh=new, planes=tuple(current.plane(k) for k in range(len(current.offset))), n_undone=undone)
-            bad = {_crossing_plane(new, pairs, rebuild)} if len(pairs) else {int(rebuild.areas.argmin())}
-        undone += len(bad)
-        label = np.where(np.isin(current.label, sorted(bad)), -1, current.label)
-        current = unpinched(mesh, neighbours, replace(current, label=label), scale)
-        current = one_piece_each(mesh, neighbours, current)
+            if len(pairs):
+                rebuild.trouble.append(rebuild.nearest_old(_crossing_places(new, pairs)))
+            else:
+                rebuild.bad |= _strayed(new, rebuild)
+            if not rebuild.trouble and not rebuild.bad:
+                if surface_topology(new).is_clean:
+                    left = len(current.offset)
+                    return Flattened(mesh=new, planes=tuple(current.plane(k) for k in range(left)), n_undone=wanted - left)
+                rebuild.bad.add(int(rebuild.areas.argmin()))
+        current = _retreated(mesh, neighbours, rebuild, (RETREAT + attempt) * scale.spacing_m)
     region = np.full(len(mesh.faces), -1, np.int64)
-    return Flattened(mesh=TriangleMesh(vertices=mesh.vertices, faces=mesh.faces, face_region=region), planes=(), n_undone=undone)
+    return Flattened(mesh=TriangleMesh(vertices=mesh.vertices, faces=mesh.faces, face_region=region), planes=(), n_undone=wanted)
+
+
+def _retreated(mesh: TriangleMesh, neighbours: Neighbours, rebuild: _Rebuild, radius: float) -> Labelled:
+    """The labels with free form round the trouble, and without the planes given up."""
+    label = np.where(np.isin(rebuild.label, sorted(rebuild.bad)), -1, rebuild.label)
+    if rebuild.trouble:
+        places = mesh.vertices[np.unique(np.concatenate(rebuild.trouble))]
+        near = cKDTree(places).query(mesh.vertices, distance_upper_bound=radius)[0] <= radius
+        near[np.unique(np.concatenate(rebuild.trouble))] = True
+        label = np.where(near[mesh.faces].any(1), -1, label)
+    current = tidied(mesh, neighbours, replace(rebuild.labelled, label=label), rebuild.scale)
+    current = unpinched(mesh, neighbours, current, rebuild.scale, may_join=False)
+    return one_piece_each(mesh, neighbours, current)

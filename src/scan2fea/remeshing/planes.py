@@ -16,8 +16,10 @@ GROW_COSINE = float(np.cos(np.radians(25.0)))
 FIT_WAVES = 3  # rings of faces round a seed for the first plane
 LEAST_AREA = 20.0  # square spacings of a plane
 SAG = 3.5  # residuals: a region whose best quadric bends by more is curved (one cut off at three residuals by a curve bends by 4.5)
-BEYOND = 3  # rings of faces past the border where the surface must have turned away
-ENDS = 0.45  # share of the border where it has; the rest may run into a fillet
+BEND, BEND_ENDED = 0.05, 1.2  # radians that normals may turn across a plane, and more where creases end it: narrow planes are rounded throughout
+ERODED = 2  # rings of faces inside the border that are left out of it
+BEYOND = 4  # rings of faces past the border where the surface must have turned away
+ENDS = 0.75  # share of the border where it has; the rest may run into a fillet
 MAX_FAILURES = 400  # seeds in a row without a plane: what is left is curved
 ISLAND_AREA = 12.0  # square spacings: larger pieces of free form are features
 SPECK_AREA = 7.0  # square spacings: smaller pieces of a plane are not worth a face
@@ -185,6 +187,28 @@ def _sag(points: FloatArray, plane: Plane) -> float:
     return float(high - low)
 
 
+def _bend(mesh: TriangleMesh, neighbours: Neighbours, smooth: FloatArray, rows: IntArray, plane: Plane) -> float:
+    """How far the normals turn from one end of a region to the other, radians, along the direction in which they turn most.
+
+    Read away from the border where the region is wide enough: creases are rounded and would turn the normals there.
+    """
+    axes = plane.axes()
+    whole = mesh.vertices[mesh.faces[rows]].mean(1) @ axes.T
+    inside = np.zeros(len(neighbours.areas), bool)
+    inside[rows] = True
+    inner = rows
+    for _ in range(ERODED):
+        inside[inner[~inside[neighbours.of[inner]].all(1)]] = False
+        inner = inner[inside[inner]]
+    rows = inner if len(inner) >= 12 else rows
+    place, tilt = mesh.vertices[mesh.faces[rows]].mean(1) @ axes.T, smooth[rows] @ axes.T
+    root = np.sqrt(neighbours.areas[rows])[:, None]
+    place = place - np.average(place, axis=0, weights=root[:, 0] ** 2)
+    slope = np.linalg.lstsq(place * root, (tilt - tilt.mean(0)) * root, rcond=None)[0]
+    values, vectors = np.linalg.eigh((slope + slope.T) / 2)
+    return float((np.abs(values) * np.ptp(whole @ vectors, axis=0)).max())
+
+
 def grow_planes(mesh: TriangleMesh, neighbours: Neighbours, scale: Scale) -> Labelled:
     """Planes large enough to be sure of, flattest seeds first. Faces near creases and narrow faces stay -1."""
     label = np.full(len(mesh.faces), -1, np.int64)
@@ -207,8 +231,10 @@ def grow_planes(mesh: TriangleMesh, neighbours: Neighbours, scale: Scale) -> Lab
         failures += 1
         if neighbours.areas[rows].sum() < LEAST_AREA * scale.spacing_m**2 or len(inner) < 6:
             continue
-        bent = _sag(mesh.vertices[np.unique(mesh.faces[rows])], plane) > SAG * scale.residual_m + 0.01 * scale.spacing_m
-        if bent or _turned(neighbours, rows, plane) < ENDS:
+        sag = _sag(mesh.vertices[np.unique(mesh.faces[rows])], plane)
+        if sag > SAG * scale.residual_m + 0.01 * scale.spacing_m:
+            continue
+        if _bend(mesh, neighbours, smooth, rows, plane) > BEND + BEND_ENDED * (_turned(neighbours, rows, plane) - ENDS):
             continue
         failures = 0
         plane = fit_plane(mesh.vertices[inner], towards=plane.normal)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from scan2fea.kernel.jit import jit
-from scan2fea.types import FloatArray, IntArray
+from scan2fea.types import BoolArray, FloatArray, IntArray
 
 FLAT = 1e-9  # of the squares of an ear's edges: a smaller area is none
 BRIDGES = 400  # candidates tried to join a hole to its surroundings, nearest first
@@ -129,3 +129,31 @@ def triangulated(loops: list[IntArray], xy: FloatArray) -> IntArray | None:
     u, v = xy[triangles[:, 1]] - xy[triangles[:, 0]], xy[triangles[:, 2]] - xy[triangles[:, 0]]
     filled, wanted = float((u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]).sum() / 2), sum(areas)
     return triangles if abs(filled - wanted) <= 1e-6 * abs(wanted) else None
+
+
+@jit
+def _crossings(a: FloatArray, b: FloatArray, found: BoolArray) -> None:
+    """Marks the segments ab (n, 2) that cross another one they share no end with; `found` is written."""
+    n = len(a)
+    for i in range(n):
+        lx, hx = min(a[i, 0], b[i, 0]), max(a[i, 0], b[i, 0])
+        ly, hy = min(a[i, 1], b[i, 1]), max(a[i, 1], b[i, 1])
+        for j in range(i + 1, n):
+            if min(a[j, 0], b[j, 0]) > hx or max(a[j, 0], b[j, 0]) < lx or min(a[j, 1], b[j, 1]) > hy or max(a[j, 1], b[j, 1]) < ly:
+                continue
+            s1 = (b[i, 0] - a[i, 0]) * (a[j, 1] - a[i, 1]) - (b[i, 1] - a[i, 1]) * (a[j, 0] - a[i, 0])
+            s2 = (b[i, 0] - a[i, 0]) * (b[j, 1] - a[i, 1]) - (b[i, 1] - a[i, 1]) * (b[j, 0] - a[i, 0])
+            s3 = (b[j, 0] - a[j, 0]) * (a[i, 1] - a[j, 1]) - (b[j, 1] - a[j, 1]) * (a[i, 0] - a[j, 0])
+            s4 = (b[j, 0] - a[j, 0]) * (b[i, 1] - a[j, 1]) - (b[j, 1] - a[j, 1]) * (b[i, 0] - a[j, 0])
+            if ((s1 > 0) != (s2 > 0)) and ((s3 > 0) != (s4 > 0)) and s1 != 0 and s2 != 0 and s3 != 0 and s4 != 0:
+                found[i] = True
+                found[j] = True
+
+
+def crossing_corners(loops: list[IntArray], xy: FloatArray) -> IntArray:
+    """Rows of `xy` at the ends of the segments of the loops that cross one another."""
+    start = np.concatenate(loops)
+    end = np.concatenate([np.roll(loop, -1) for loop in loops])
+    found = np.zeros(len(start), np.bool_)
+    _crossings(np.ascontiguousarray(xy[start]), np.ascontiguousarray(xy[end]), found)
+    return np.unique(np.concatenate([start[found], end[found]]))

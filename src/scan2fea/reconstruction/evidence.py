@@ -1,0 +1,91 @@
+"""What a finished surface is judged on, and the words its checks share."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2fea.reconstruction.outside import Flood
+from scan2fea.types import BoolArray, Check, FloatArray, TriangleMesh, Value
+
+KNOWN_WALL = 0.10  # share of points that must have a wall behind them before anything is said about its thickness
+WALL_QUANTILE = 0.25  # the wall is judged by its thinner parts
+SCATTER_MARGIN = 1.2  # the surface follows the points a little, so their distances are smaller than the noise
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Evidence(Value):
+    """A finished surface and the points it was made from.
+
+    points : (n, 3) raw.   is_inferred : (n,) not measured, or None.   mesh : the closed surface.   smoothed, normals : (n, 3) denoised
+    points and their outward normals.   thickness_m : (n,) to the other face, nan where there is none.   gap_m : (n,) to the next surface in
+    front, nan likewise.   spacing_m, sigma_m : of the raw points.
+    """
+
+    points: FloatArray
+    mesh: TriangleMesh
+    smoothed: FloatArray
+    normals: FloatArray
+    thickness_m: FloatArray
+    gap_m: FloatArray
+    spacing_m: float
+    sigma_m: float
+    is_inferred: BoolArray | None = None
+
+    _ROWS = (("points", "smoothed", "normals", "thickness_m", "gap_m", "is_inferred"),)
+
+    @property
+    def measured(self) -> FloatArray:
+        """The points that no stage has put there."""
+        return self.points if self.is_inferred is None else self.points[~self.is_inferred]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Unseen(Value):
+    """What is known besides where no sensor position is.
+
+    flood : the answer that signed the normals.   polished : (n, 3) normals after the winding rounds.   held : share of the points under which
+    the cut found the inside.   flood_inside : share of the volume inside that the ball had reached.
+    """
+
+    flood: Flood
+    polished: FloatArray
+    held: float
+    flood_inside: float
+
+
+def wall_m(evidence: Evidence) -> float:
+    """Thickness of the thinner walls (lower quartile over the points), m; nan where fewer than 10 % of the points have one behind them."""
+    known = evidence.thickness_m[np.isfinite(evidence.thickness_m)]
+    return float(np.quantile(known, WALL_QUANTILE)) if len(known) >= max(1.0, KNOWN_WALL * len(evidence.points)) else math.nan
+
+
+def scatter_m(evidence: Evidence, distance: FloatArray) -> float:
+    """The noise that distances are held against: the stated one, unless half of the points lie much nearer than it would put them.
+
+    Where the noise could not be told it was guessed high, and would excuse anything.
+    """
+    return min(evidence.sigma_m, SCATTER_MARGIN * 1.4826 * float(np.median(distance)) if len(distance) else 0.0)
+
+
+def at_most(name: str, value: float, limit: float, says: str, unit: str = "1") -> Check:
+    """A check that passes ON its limit; a value that is not a number fails."""
+    return Check(name=name, value=value, limit=limit, unit=unit, passed=bool(value <= limit), says=says)
+
+
+def at_least(name: str, value: float, limit: float, says: str, unit: str = "1") -> Check:
+    return Check(name=name, value=value, limit=limit, unit=unit, passed=bool(value >= limit), says=says)
+
+
+def mm(metres: float) -> str:
+    return f"{1e3 * metres:.3g} mm"
+
+
+def around(points: FloatArray) -> str:
+    """Where most of the points are, in words."""
+    if not len(points):
+        return ""
+    x, y, z = np.median(points, axis=0)
+    return f", around ({x:.4g}, {y:.4g}, {z:.4g}) m"

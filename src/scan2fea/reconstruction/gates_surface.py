@@ -1,0 +1,160 @@
+"""Checks of a surface against its own points: can the data carry it, and does it follow them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from scan2fea.kernel.coverage import unmeasured_share
+from scan2fea.kernel.measures import face_normals, volume
+from scan2fea.kernel.topology import edge_table, half_edges
+from scan2fea.reconstruction.evidence import Evidence, around, at_least, at_most, mm, wall_m
+from scan2fea.reconstruction.outside import Flood
+from scan2fea.types import Check, FloatArray, TriangleMesh
+
+NOISE_OVER_WALL = 0.35  # above, the two faces of a wall mix: volume and thickness go wrong
+SPACING_OVER_WALL = 1.1
+RIM_NOISE = 0.10  # of the volume: as far as any figure may be off with noise
+RIM_SPACING = 0.05  # of the volume: likewise without
+RIM_LOSS = 0.28  # h^2 per unit of mean curvature: what a surface through random points cuts off a square edge (0.22 h^2 per length)
+REACH_SPACINGS, REACH_SIGMAS = 3.0, 3.0  # a place with no measured point of its own side nearer than this is not measured
+INFERRED = 0.55  # of the area: the hidden face of a plate that lies on a table is a little less than half
+STRAY = 0.01
+MERGED, MERGED_KURTOSIS = 0.02, 1.6  # two sheets in one: residuals of two values have kurtosis 1, a normal distribution 3
+CORE_KURTOSIS = 2.3  # two sheets +-t/2 with noise 0.3 t: 1.9; one sheet: 2.8 over 32 points
+PATCH = 32
+SAME_FACE = 0.8  # cosine within a patch
+SAMPLES = 6000
+
+
+def resolution(evidence: Evidence) -> tuple[Check, ...]:
+    """Noise and spacing against the wall; none where there is no wall to speak of."""
+    wall = wall_m(evidence)
+    if not math.isfinite(wall):
+        return ()
+    noise, spacing = evidence.sigma_m, evidence.spacing_m
+    return (
+        at_most(
+            "noise against wall",
+            noise / wall,
+            NOISE_OVER_WALL,
+            f"noise {mm(noise)} against a wall of {mm(wall)}: limit {NOISE_OVER_WALL} x wall; scan with less noise, or fit the member",
+        ),
+        at_most(
+            "spacing against wall",
+            spacing / wall,
+            SPACING_OVER_WALL,
+            f"points {mm(spacing)} apart against a wall of {mm(wall)}: limit {SPACING_OVER_WALL} x wall; scan more densely, or fit the member",
+        ),
+    )
+
+
+def rims(evidence: Evidence) -> tuple[Check, ...]:
+    """Volume that noise adds and spacing cuts off at the edges, foretold from the total mean curvature M of the surface.
+
+    A plate of thickness t and perimeter P has M = pi P / 2 however its rim is rounded. Noise carries the rim out by up to sigma: sigma t P;
+    a surface through points h apart cuts a square edge by 0.22 h^2 of cross-section.
+    """
+    body = abs(volume(evidence.mesh))
+    if body <= 0.0:
+        return ()
+    curvature = max(0.0, mean_curvature(evidence.mesh))
+    wall = wall_m(evidence)
+    lost = RIM_LOSS * evidence.spacing_m**2 * curvature / body
+    cut = at_most(
+        "edges between points",
+        lost,
+        RIM_SPACING,
+        f"points {mm(evidence.spacing_m)} apart cut about {lost:.1%} of the volume off its edges (limit {RIM_SPACING:.0%}): scan more densely",
+    )
+    if not math.isfinite(wall):
+        return (cut,)
+    grown = 2.0 / math.pi * curvature * wall * evidence.sigma_m / body
+    noise = at_most(
+        "edges in the noise",
+        grown,
+        RIM_NOISE,
+        f"noise {mm(evidence.sigma_m)} may add {grown:.0%} to the volume at edges and holes (limit {RIM_NOISE:.0%}): scan with less noise, "
+        "or fit the member",
+    )
+    return cut, noise
+
+
+def mean_curvature(mesh: TriangleMesh) -> float:
+    """Half the sum of edge length x turning angle, convex edges positive, m: the integral of the mean curvature (Steiner 1840)."""
+    twin, ends = edge_table(mesh.faces).twin, half_edges(mesh.faces)
+    one = np.flatnonzero(twin > np.arange(len(twin)))
+    normals = face_normals(mesh)
+    a, b = normals[one // 3], normals[twin[one] // 3]
+    edge = mesh.vertices[ends[one, 1]] - mesh.vertices[ends[one, 0]]
+    length = np.linalg.norm(edge, axis=1)
+    sine = np.einsum("ij,ij->i", np.cross(a, b), edge) / np.maximum(length, np.finfo(float).tiny)
+    return float(0.5 * (length * np.arctan2(sine, np.einsum("ij,ij->i", a, b))).sum())
+
+
+def coverage(evidence: Evidence, limit: float, sigma_m: float) -> tuple[Check, ...]:
+    """Area that neither measured nor inferred points back, and area that inferred ones alone do."""
+    reach = REACH_SPACINGS * evidence.spacing_m + REACH_SIGMAS * sigma_m
+    bare = unmeasured_share(evidence.mesh, evidence.points, reach)
+    check = at_most(
+        "unmeasured area",
+        bare,
+        limit,
+        f"{bare:.0%} of the surface has no measured point of its side within {mm(reach)} (limit {limit:.0%}): a side was not seen; "
+        "scan it too, or fit the member",
+    )
+    if evidence.is_inferred is None or not evidence.is_inferred.any():
+        return (check,)
+    inferred = max(0.0, unmeasured_share(evidence.mesh, evidence.measured, reach) - bare)
+    says = f"{inferred:.0%} of the surface rests on inferred points alone (limit {INFERRED:.0%}): lift the part and scan the hidden side"
+    return check, at_most("inferred area", inferred, INFERRED, says)
+
+
+def deviation(distance: FloatArray, limit: float) -> Check:
+    """95 % of the points lie within `limit` of the surface."""
+    value = float(np.percentile(distance, 95)) if len(distance) else math.inf
+    says = f"5 % of the points lie farther than {mm(value)} from the surface, more than the noise explains ({mm(limit)}): parts are missing or merged"
+    return at_most("deviation p95", value, limit, says, "m")
+
+
+def stray(points: FloatArray, distance: FloatArray, far: float) -> Check:
+    """Hardly any point lies beyond `far`."""
+    beyond = distance > far
+    share = float(np.mean(beyond))
+    says = f"{share:.1%} of the points lie farther than {mm(far)} from the surface (limit {STRAY:.0%}){around(points[beyond])}: a part was lost, "
+    return at_most("stray points", share, STRAY, says + "or the cloud holds points that are not the object's")
+
+
+def patch_moments(points: FloatArray, normals: FloatArray, signed: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Second and fourth central moments of the signed distances of patches of 32 neighbouring points of one side."""
+    rows = np.linspace(0, len(points) - 1, min(len(points), SAMPLES)).astype(np.int64)
+    if len(points) < PATCH:
+        return np.zeros(0), np.zeros(0)
+    near = np.asarray(cKDTree(points).query(points[rows], k=[*range(1, PATCH + 1)])[1], np.int64)
+    same = np.einsum("nc,nkc->nk", normals[rows], normals[near]) > SAME_FACE
+    count = same.sum(axis=1)
+    mean = np.where(same, signed[near], 0.0).sum(axis=1) / np.maximum(count, 1)
+    centred = np.where(same, signed[near] - mean[:, None], 0.0)
+    second = (centred**2).sum(axis=1) / np.maximum(count, 1)
+    fourth = (centred**4).sum(axis=1) / np.maximum(count, 1)
+    full = count >= PATCH // 2
+    return second[full], fourth[full]
+
+
+def merged(second: FloatArray, fourth: FloatArray, least: float) -> Check:
+    """Patches whose distances have two values: two sheets that became one. `least`: spread below which nothing is said."""
+    share = float(np.mean((second > least**2) & (fourth < MERGED_KURTOSIS * second**2))) if len(second) else 0.0
+    says = f"at {share:.1%} of the points two sheets seem merged into one (limit {MERGED:.0%}): the wall is too thin for this noise; "
+    return at_most("merged sheets", share, MERGED, says + "scan with less noise, or fit the member")
+
+
+def solid_core(flood: Flood, second: FloatArray, fourth: FloatArray, least: float) -> tuple[Check, ...]:
+    """A void taken as solid: what looks like noise on one sheet must not be the two sheets of a wall."""
+    spread = second > least**2
+    if not flood.core_solid or not spread.any():
+        return ()
+    kurtosis = float(np.mean(fourth[spread] / second[spread] ** 2))
+    says = f"an enclosed void may be hollow: the points lie in two sheets rather than one (kurtosis {kurtosis:.2f}, at least {CORE_KURTOSIS}); "
+    return (at_least("solid core", kurtosis, CORE_KURTOSIS, says + "scan with less noise, or fit the member"),)

@@ -69,23 +69,14 @@ def read(step):
 
 def frame_with_hole():
     """A square ring 3 x 3 x 1: nine blocks without the middle one, 10 plane faces of which two have a hole; volume 8."""
-    corners = []
-    for i in range(3):
-        for j in range(3):
-            if (i, j) == (1, 1):
-                continue
-            one = box()
-            tri = one.vertices[one.faces] + [i, j, 0]
-            corners.append(tri)
-    tri = np.concatenate(corners)
-    middle = np.round(tri.mean(1), 6)
-    _, number, count = np.unique(middle, axis=0, return_inverse=True, return_counts=True)
-    normal = np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0])
-    x, y = tri.mean(1)[:, 0], tri.mean(1)[:, 1]
-    inner = (np.abs(normal[:, 2]) < 0.5) & (((x > 0.01) & (x < 2.99) & np.isin(np.round(x, 6), [1, 2]) & ((y < 1) | (y > 2)))
-                                            | ((y > 0.01) & (y < 2.99) & np.isin(np.round(y, 6), [1, 2]) & ((x < 1) | (x > 2))))  # fmt: skip
-    tri = tri[~inner]
-    vertices, rows = np.unique(np.round(tri.reshape(-1, 3), 9), axis=0, return_inverse=True)
+    blocks = [box().vertices[box().faces] + [i, j, 0] for i in range(3) for j in range(3) if (i, j) != (1, 1)]
+    tri = np.concatenate(blocks)
+    pair = {}
+    for k, corner in enumerate(np.round(tri, 9).tolist()):  # squares between two blocks: each side has its triangles on the same four corners
+        low, high = np.min(corner, axis=0), np.max(corner, axis=0)
+        pair.setdefault((*low, *high), []).append(k)
+    outer = sorted(k for rows in pair.values() if len(rows) == 2 for k in rows)
+    vertices, rows = np.unique(np.round(tri[outer].reshape(-1, 3), 9), axis=0, return_inverse=True)
     return TriangleMesh(vertices=vertices, faces=rows.reshape(-1, 3).astype(np.int64))
 
 

@@ -1,0 +1,161 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from predicates import assert_closed_manifold_oriented, box, extruded, l_beam, sphere
+from scan2fea.kernel.distances import sample_surface
+from scan2fea.kernel.measures import area, face_normals, volume
+from scan2fea.reconstruction import visibility
+from scan2fea.reconstruction.evidence import Evidence, at_least, at_most, scatter_m, wall_m
+from scan2fea.reconstruction.gates import failed, gates_seen
+from scan2fea.reconstruction.gates_surface import RIM_LOSS, coverage, mean_curvature, merged, patch_moments, resolution, rims
+from scan2fea.types import PointCloud, Scan
+from scanned import DENSITY
+
+T = 0.006
+
+
+def sampled(mesh, spacing, seed=0):
+    points, face = sample_surface(mesh, int(DENSITY * area(mesh) / spacing**2), seed)
+    return points, face_normals(mesh)[face]
+
+
+def evidence_of(mesh, points, normals, **fields):
+    n = len(points)
+    base = {"thickness_m": np.full(n, T), "gap_m": np.full(n, np.nan), "spacing_m": 0.004, "sigma_m": 0.0}
+    return Evidence(points=points, mesh=mesh, smoothed=points, normals=normals, **{**base, **fields})
+
+
+def unseen(points):
+    return visibility(Scan(cloud=PointCloud.of(points)))
+
+
+def names(found):
+    return {check.name for check in failed(found.checks)}
+
+
+@pytest.fixture(scope="module")
+def plate():
+    mesh = box((0.2, 0.15, T))
+    return mesh, *sampled(mesh, 0.004)
+
+
+def test_limits_are_inclusive():
+    assert at_most("x", 0.35, 0.35, "").passed and not at_most("x", np.nextafter(0.35, 1), 0.35, "").passed
+    assert at_least("x", 0.9, 0.9, "").passed and not at_least("x", np.nextafter(0.9, 0), 0.9, "").passed
+    assert not at_most("x", float("nan"), 1.0, "").passed and not at_least("x", float("nan"), 0.0, "").passed
+
+
+@pytest.mark.parametrize(
+    ("noise", "spacing", "bad"), [(0.35, 1.1, []), (0.3501, 1.1, ["noise against wall"]), (0.35, 1.101, ["spacing against wall"])]
+)
+def test_noise_and_spacing_on_the_limit(plate, noise, spacing, bad):
+    mesh, points, normals = plate
+    wall = 2.0**-7
+    case = evidence_of(mesh, points, normals, thickness_m=np.full(len(points), wall), sigma_m=noise * wall, spacing_m=spacing * wall)
+    found = failed(resolution(case))
+    assert [check.name for check in found] == bad
+    for check in found:
+        assert "limit" in check.says and "fit the member" in check.says and "7.81 mm" in check.says
+
+
+def test_wall_is_known_from_a_tenth_of_the_points(plate):
+    mesh, points, normals = plate
+    points, normals = points[:1000], normals[:1000]
+    for known, expected in ((100, T), (99, np.nan)):
+        thickness = np.where(np.arange(1000) < known, T, np.nan)
+        case = evidence_of(mesh, points, normals, thickness_m=thickness, sigma_m=1.0)
+        assert wall_m(case) == pytest.approx(expected, nan_ok=True)
+        assert len(resolution(case)) == (2 if known == 100 else 0)
+
+
+def test_unmeasured_area_of_a_plate_seen_from_above(plate):
+    mesh, points, normals = plate
+    top = normals[:, 2] > 0.5
+    share = lambda rows, inferred=None: coverage(evidence_of(mesh, points[rows], normals[rows], is_inferred=inferred), 0.1, 0.0)  # noqa: E731
+    (all_round,) = share(np.ones(len(points), bool))
+    assert all_round.value == 0.0 and all_round.passed
+    (above,) = share(top)
+    assert above.value == pytest.approx(0.46, abs=0.05) and not above.passed
+    assert "a side was not seen" in above.says
+    backed, inferred = share(np.ones(len(points), bool), ~top)
+    assert backed.passed and inferred.passed and inferred.value == pytest.approx(above.value, abs=0.01)
+
+
+def test_a_noise_guessed_high_excuses_nothing(plate):
+    mesh, points, normals = plate
+    distance = np.abs(np.random.default_rng(0).normal(size=5000))
+    case = evidence_of(mesh, points, normals, sigma_m=10.0)
+    assert scatter_m(case, distance) == pytest.approx(1.2, rel=0.05)
+    assert scatter_m(dataclasses.replace(case, sigma_m=1.0), distance) == 1.0
+    assert scatter_m(case, np.zeros(0)) == 0.0
+
+
+def test_mean_curvature_closed_forms():
+    assert mean_curvature(box((0.3, 0.2, 0.1))) == pytest.approx(0.5 * (np.pi / 2) * 4 * 0.6, rel=1e-9)
+    assert mean_curvature(sphere(2.0, rounds=5)) == pytest.approx(4 * np.pi * 2.0, rel=0.01)
+    corner = extruded(np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]], float), 1.0)  # one concave edge of length 1
+    assert mean_curvature(corner) == pytest.approx(0.5 * (np.pi / 2) * (2 * 8 + 5 - 1), rel=1e-9)
+
+
+def test_rims_foretell_both_ways():
+    mesh = box((0.02, 0.02, 0.003))
+    points, normals = sampled(mesh, 0.0015)
+    case = evidence_of(mesh, points, normals, thickness_m=np.full(len(points), 0.003), spacing_m=0.0015, sigma_m=0.001)
+    cut, grown = rims(case)
+    assert cut.value == pytest.approx(RIM_LOSS * 0.0015**2 * mean_curvature(mesh) / volume(mesh)) and not cut.passed
+    assert grown.value == pytest.approx(2 / np.pi * mean_curvature(mesh) * 0.003 * 0.001 / volume(mesh)) and not grown.passed
+
+
+def test_two_sheets_in_one_are_noticed(plate):
+    _, points, normals = plate
+    rng = np.random.default_rng(0)
+    one, two = rng.normal(size=len(points)) * 1e-3, rng.choice([-1.0, 1.0], len(points)) * 1e-3
+    assert merged(*patch_moments(points, normals, one), 1e-5).passed
+    assert not merged(*patch_moments(points, normals, two), 1e-5).passed
+    assert merged(*patch_moments(points, normals, 1e-6 * two), 1e-5).passed  # too little to say
+
+
+def test_seen_checks_pass_on_the_truth(plate):
+    mesh, points, normals = plate
+    assert not failed(gates_seen(evidence_of(mesh, points, normals)))
+
+
+@pytest.mark.parametrize("sigma", [0.0, 0.15])
+def test_a_whole_scan_passes(sigma):
+    mesh = l_beam(0.08, 0.06, T, 0.15)
+    points, _ = sampled(mesh, 0.003)
+    found = unseen(points + sigma * T * np.random.default_rng(1).normal(size=points.shape))
+    assert not failed(found.checks), failed(found.checks)
+    assert_closed_manifold_oriented(found.mesh)
+    assert volume(found.mesh) == pytest.approx(volume(mesh), rel=0.04)
+
+
+def test_half_a_ball_is_refused():
+    points, _ = sampled(sphere(1.0, rounds=5), 0.06)
+    found = unseen(points[points[:, 2] > 0])
+    assert {"open on both sides", "winding agrees with surface"} <= names(found)
+    assert "the other face of what they lie on was not scanned, around (" in failed(found.checks)[0].says
+
+
+def test_a_plane_is_refused():
+    rng = np.random.default_rng(0)
+    found = unseen(np.column_stack([rng.random((3000, 2)), 0.002 * rng.normal(size=3000)]))
+    assert "open on both sides" in names(found)
+
+
+def test_five_sides_of_a_box_are_refused():
+    points, normals = sampled(box((1.0, 0.8, 0.6)), 0.04)
+    assert failed(unseen(points[normals[:, 2] < 0.5]).checks)
+
+
+def test_a_beam_without_one_face_is_refused():
+    points, normals = sampled(l_beam(0.08, 0.06, T, 0.15), 0.004)
+    hidden = (normals[:, 1] < -0.5) & (points[:, 1] < 1e-6)
+    assert failed(unseen(points[~hidden]).checks)
+
+
+def test_noise_over_the_wall_is_refused():
+    points, _ = sampled(l_beam(0.08, 0.06, T, 0.15), 0.004)
+    assert failed(unseen(points + 0.6 * T * np.random.default_rng(1).normal(size=points.shape)).checks)

@@ -68,7 +68,7 @@ def opposed_evidence(points: FloatArray, normals: FloatArray, sure: BoolArray, s
     """(n,) evidence for the sign of each unsure normal from the sheets before and behind it, in [-2, 2]; 0 where there are none, or where sure.
 
     Along a line through a solid its faces alternate: whichever way one looks from a face, out through the air or in through the wall, the next
-    face met has the opposite normal. Sheets of sure points within `reach_m` of the axis count, beyond `thickness_m` from the point.
+    face met has the opposite normal. The first sheet within `reach_m`, beyond `thickness_m`, counts by the share of its points that are sure.
     """
     xyz, axes = np.ascontiguousarray(points, float), np.ascontiguousarray(normals, float)
     return _opposed(xyz, axes, sure, xyz.min(axis=0), AXIS_RADIUS * spacing_m, reach_m, thickness_m)
@@ -230,14 +230,14 @@ def _of_best_plane(
 
 @jit
 def _first_layer(
-    points: FloatArray, normals: FloatArray, wanted: BoolArray, p: int, sign: float,
+    points: FloatArray, normals: FloatArray, counted: BoolArray, p: int, sign: float,
     cells: IntArray, table: IntArray, order: IntArray, start: IntArray, low: FloatArray,
     radius: float, least: float, reach: float, largest_cosine: float, depths: FloatArray,
 ) -> tuple[int, float]:  # fmt: skip
-    """Points met along sign * normal of p: how many (their depths in `depths`) and the sum of their n.n_p.
+    """Points met along sign * normal of p: how many (their depths in `depths`), and the sum of n.n_p of the `counted` ones.
 
-    Layers as thick as the radius are searched until one, and the one after it, have given all `wanted` points with n.n_p < largest_cosine; cells
-    of 1.2 radii are large enough (sqrt(1 + 0.5^2) < 1.2) that a layer needs only its 27.
+    Layers as thick as the radius are searched until one, and the one after it, have given all points with n.n_p < largest_cosine; cells of
+    1.2 radii are large enough (sqrt(1 + 0.5^2) < 1.2) that a layer needs only its 27.
     """
     edge = 1.2 * radius
     ax, ay, az = sign * normals[p, 0], sign * normals[p, 1], sign * normals[p, 2]
@@ -254,7 +254,7 @@ def _first_layer(
             for o in range(start[other], start[other + 1]):
                 q = order[o]
                 cosine = normals[p, 0] * normals[q, 0] + normals[p, 1] * normals[q, 1] + normals[p, 2] * normals[q, 2]
-                if cosine >= largest_cosine or not wanted[q]:
+                if cosine >= largest_cosine:
                     continue
                 x, y, z = points[q, 0] - points[p, 0], points[q, 1] - points[p, 1], points[q, 2] - points[p, 2]
                 depth = x * ax + y * ay + z * az
@@ -263,7 +263,8 @@ def _first_layer(
                 if inside and found < len(depths):
                     depths[found] = depth
                     found += 1
-                    total += cosine
+                    if counted[q]:
+                        total += cosine
         if found > 0 and last < 0:
             last = layer
         layer += 1
@@ -273,9 +274,9 @@ def _first_layer(
 @jit
 def _depths(points: FloatArray, normals: FloatArray, low: FloatArray, radius: float, reach: float, sign: float) -> FloatArray:
     _, cells, table, order, start = _sorted_into_cells(points, low, 1.2 * radius)
-    out, depths, all_wanted = np.full(len(points), np.nan), np.zeros(4096), np.ones(len(points), np.bool_)
+    out, depths, counted = np.full(len(points), np.nan), np.zeros(4096), np.ones(len(points), np.bool_)
     for p in range(len(points)):
-        found, _ = _first_layer(points, normals, all_wanted, p, sign, cells, table, order, start, low, radius, 0.0, reach, OPPOSITE, depths)
+        found, _ = _first_layer(points, normals, counted, p, sign, cells, table, order, start, low, radius, 0.0, reach, OPPOSITE, depths)
         if found > 0:
             out[p] = np.median(depths[:found])
     return out

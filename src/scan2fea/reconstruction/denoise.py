@@ -86,7 +86,7 @@ def _settled(near: Near, normals: FloatArray, toward: FloatArray, sigma: float, 
             break
         told = opposed_evidence(near.points, signed, sure, spacing_m, OPPOSED_REACH * spacing_m, 2.0 * thickness)
         told = np.where(sure, np.minimum(np.abs(evidence), 1.0), told)  # in the frame of `signed`, sure normals speak for themselves
-        evidence = spread_evidence(near, signed, told, clear, thickness)
+        evidence = spread_evidence(near, signed, told, clear | sure, thickness)
         signed = np.where(evidence[:, None] < 0, -signed, signed)
         evidence = np.abs(evidence)
     return crease_normals(near, _by_winding(near.points, signed, np.abs(evidence) < GRAZING, spacing_m), toward, flat, thickness)

@@ -18,6 +18,7 @@ DISC = 1.5  # spacings: the points this near to where the ray crosses their plan
 SLANT = 0.3  # least cosine between a ray and the normals at both ends of its crossing: noise alone lifts a grazing ray in and out
 OFF_PLANE = 0.5  # spacings a point must lie off the plane of a disc in its way
 NEIGHBORS = 8
+PAIR_NEIGHBORS = 32  # wide against the noise: the nearest few are near in height too, by selection
 PAIR_QUANTILE, PAIR_HEIGHT = 0.3, 0.545  # 30 % of |N(0, 2)| lie below 0.545
 
 
@@ -66,7 +67,7 @@ def _pair_sigma(points: FloatArray, normals: FloatArray, seed: int) -> float:
     judged, which pairs of the same sheet fill: right for one sheet, and at most 2.2 times too high for two.
     """
     rows = sampled_rows(len(points), N_RAYS, seed)
-    _, near = k_nearest(points, NEIGHBORS, points[rows])
+    _, near = k_nearest(points, PAIR_NEIGHBORS, points[rows])
     height = np.abs(np.einsum("kc,kjc->kj", normals[rows], points[near[:, 1:]] - points[rows][:, None]))
     return float(np.quantile(height, PAIR_QUANTILE) / PAIR_HEIGHT)
 

@@ -120,7 +120,7 @@ def test_closed_mesh_enters_at_repair(tmp_path, done):
     assert main(["run", str(stl), "-o", str(tmp_path / "OUT"), *FAST]) == 0
     report = report_of(tmp_path / "OUT")
     jsonschema.validate(report, report_schema())
-    assert [s["name"] for s in report["stages"] if s["object"]][0] == "repair"
+    assert next(s["name"] for s in report["stages"] if s["object"]) == "repair"
 
 
 @pytest.mark.parametrize("points", [[[0, 0, 0]], [[1, 2, 3]] * 50, [[x, 0, 0] for x in range(60)], [[x, y, 0] for x in range(9) for y in range(9)]])

@@ -15,6 +15,7 @@ import numpy as np
 from scan2fea.cad import to_brep
 from scan2fea.errors import InternalError, Scan2FeaError
 from scan2fea.fea import build_model, solve
+from scan2fea.io.artifacts import save
 from scan2fea.kernel.boundary import boundary_surface
 from scan2fea.kernel.coverage import deviation, face_origin
 from scan2fea.kernel.distances import PointToMesh
@@ -22,7 +23,7 @@ from scan2fea.kernel.measures import face_areas, volume
 from scan2fea.kernel.noise import spacing
 from scan2fea.kernel.thickness import median_thickness
 from scan2fea.pipeline.config import Config
-from scan2fea.pipeline.outputs import write_object
+from scan2fea.pipeline.outputs import BREP, write_object
 from scan2fea.pipeline.part import Made, Part
 from scan2fea.pipeline.record import Record, Tracked
 from scan2fea.pipeline.results import object_row
@@ -47,6 +48,8 @@ def convert(part: Part, key: str, config: Config, record: Record, folder: Path) 
         made.stopped = f"a fault of scan2fea ({type(error).__name__}: {error}); please report it"
         record.event("fault", text=traceback.format_exc())
     files = write_object(made, folder, config)
+    if made.brep is not None:
+        save(made.brep, record.folder / BREP)  # for the assembly
     return object_row(made, files)
 
 

@@ -20,6 +20,7 @@ from scan2fea.io.files import existing_file, sha256_of, write_bytes
 from scan2fea.pipeline.config import Config, to_toml
 from scan2fea.pipeline.labels import edited, labels_text, read_rows
 from scan2fea.pipeline.objects import convert_all, parts_of
+from scan2fea.pipeline.outputs import write_assembly
 from scan2fea.pipeline.record import KEEP, Record, Say, Tracked, key_of
 from scan2fea.pipeline.results import input_row, run_report
 from scan2fea.pipeline.scene import Scene, clean, place_all, segment
@@ -52,6 +53,7 @@ def run(
         for text in (*scene.value.notes, *chosen.notes):
             log({"event": "note", "object": None, "text": text})
         objects, stages = convert_all(parts, out, config, resume, log)
+        write_assembly(out, out / KEEP / "objects", objects)
         report = run_report(config, command, rows, scene.value, segments, record.stages + stages, objects, chosen.notes)
         _write_text(out / "report.json", json.dumps(report, indent=1, allow_nan=False) + "\n")
     return report

@@ -27,7 +27,7 @@ def test_known_reasons_in_words():
     assert in_words("Invalid boundary mesh (overlapping facets) on surface 1 surface 1").startswith(
         "two parts of the surface lie on one another: repair"
     )
-    assert "the surface crosses itself" in in_words("PLC Error:  A segment and a facet intersect at point")
+    assert "the surface crosses itself or folds back" in in_words("PLC Error:  A segment and a facet intersect at point")
     assert "raise tetmeshing.memory_limit_gib" in in_words("Unable to allocate 80.2 MiB for an array with shape (876325, 4, 3)")
     assert in_words("something new") == "gmsh could not fill the surface: something new"
 

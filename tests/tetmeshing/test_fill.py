@@ -169,7 +169,7 @@ def crossing():
 @pytest.mark.parametrize(
     ("mesh", "brep", "options", "says"),
     [
-        (crossing(), None, FillOptions(), "the surface crosses itself: repair the surface"),
+        (crossing(), None, FillOptions(), "the surface crosses itself or folds back on itself: repair the surface"),
         (TriangleMesh(vertices=box().vertices, faces=box().faces[:, ::-1].copy()), None, FillOptions(), "inside out or flat"),
         (box(), None, FillOptions(route="brep"), "needs a B-Rep"),
         (box(), None, FillOptions(edge_m=0.0), "edge_m is 0.0 m"),

@@ -16,7 +16,7 @@ from scan2fea.errors import MeshingError
 # what gmsh says -> what the user can do; the first that fits
 _REASONS = (
     ("overlapping facets", "two parts of the surface lie on one another", "repair the surface, or remesh it finer where walls are thin"),
-    ("intersect", "the surface crosses itself", "repair the surface"),
+    ("intersect", "the surface crosses itself or folds back on itself", "repair the surface"),
     ("Invalid boundary mesh", "the surface does not bound a volume (crossing or overlapping triangles)", "repair the surface"),
     ("recover", "the mesher could not keep all triangles of the surface", "remesh it: long thin triangles are the usual cause"),
     ("No elements in volume", "the surface encloses nothing", "repair the surface"),

@@ -15,6 +15,7 @@ from scan2fea.kernel.measures import volume as enclosed_volume
 from scan2fea.kernel.quality import TET_LIMITS, tet_dihedrals, triangle_angles
 from scan2fea.options import option
 from scan2fea.tetmeshing.child import run_worker
+from scan2fea.tetmeshing.faults import faults_in_words
 from scan2fea.tetmeshing.naming import Names, names_of, prove_order
 from scan2fea.tetmeshing.sizing import element_size
 from scan2fea.tetmeshing.tets import boundary_of, proved, tagged, tet_mesh
@@ -26,6 +27,7 @@ ENOUGH_DEG = 8.0  # no second attempt above: half-way between what is good and w
 LIMIT_DEG = float(TET_LIMITS["min_dihedral_deg"].fail or 0.0)
 SHORT_S = 60.0  # less than this is not split between attempts
 MANY_FACES = 400  # B-Rep faces up to which meshing face by face makes sense; above it the faces are facets, smaller than elements
+TOO_MANY_FACES = 6000  # where the triangles cannot be kept, face by face is tried up to here; gmsh needs some seconds per 1000 faces
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,7 +90,11 @@ def fill(mesh: TriangleMesh, brep: Brep | None, options: FillOptions = FillOptio
     size = element_size(mesh, options.max_elements, options.max_nodes, options.seed)
     require(options.edge_m is None or options.edge_m > 0, MeshingError, f"tetmeshing.edge_m is {options.edge_m} m; it must be greater than 0")
     edge = size.edge_m if options.edge_m is None else options.edge_m
-    best, chosen, tried = _best(_attempts(mesh, brep, edge, options), lambda a, o: _run(a, mesh, brep, names, o, size.max_edge_m), options)
+    attempts = _attempts(mesh, brep, edge, options)
+    try:
+        best, chosen, tried = _best(attempts, lambda a, o: _run(a, mesh, brep, names, o, size.max_edge_m), options)
+    except MeshingError as error:
+        raise MeshingError(f"{error}{faults_in_words(mesh)}") from None
     how = {**vars(chosen), "done": best.done, "min_dihedral_deg": best.worst_deg, "wall_m": size.wall_m, "attempts": tried}
     return Filled(tets=tet_mesh(best.nodes, best.tets, best.boundary, best.face_tag, names.names, options.order), how=how)
 
@@ -123,11 +129,9 @@ def _attempts(mesh: TriangleMesh, brep: Brep | None, edge: float, options: FillO
     """Most promising first. A kept triangle with a small angle gives a tet with one: a surface of needles is no start where there are true faces."""
     routes = [options.route]
     if options.route == "auto":
-        few = brep is not None and len(brep.face_names) <= MANY_FACES
+        n_faces = np.inf if brep is None else len(brep.face_names)
         needles = bool(np.degrees(triangle_angles(mesh.vertices, mesh.faces)).min() < LIMIT_DEG)
-        routes = ["brep", "surface"] if few else ["surface"]
-        if few and needles:
-            routes = ["brep"]
+        routes = ["brep", "surface"] if n_faces <= (TOO_MANY_FACES if needles else MANY_FACES) else ["surface"]
     require(brep is not None or "brep" not in routes, MeshingError, 'tetmeshing.route = "brep" needs a B-Rep, and there is none for this object')
     for algorithms, finer in ((("auto", "other"), 1.0), (("auto",), 0.7)):
         for route in routes:

@@ -42,12 +42,12 @@ def gates_unseen(evidence: Evidence, unseen: Unseen) -> tuple[Check, ...]:
     return (
         both_faces(evidence.points, unseen.flood),
         *resolution(evidence),
-        *rims(evidence),
         *coverage(evidence, UNMEASURED_UNSEEN, sigma),
         *winding_agrees(evidence),
         signs_agree(evidence, unseen),
         cut_agrees(unseen.held),
         open_inside(unseen.flood_inside),
+        *rims(evidence),
         deviation(nearest.distance, DEVIATION_UNSEEN * (sigma + least)),
         stray(points, nearest.distance, STRAY_SIGMAS * sigma + STRAY_SPACINGS * evidence.spacing_m),
         merged(*moments, least),

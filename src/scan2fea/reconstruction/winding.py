@@ -13,8 +13,8 @@ import math
 import numpy as np
 
 from scan2fea.kernel.neighbors import k_nearest
-from scan2fea.kernel.noise import noise_sigma
-from scan2fea.kernel.side_normals import near_lists, side_normals
+from scan2fea.kernel.noise import noise_sigma, sampled_rows
+from scan2fea.kernel.side_normals import SAME_SIDE, near_lists, side_normals
 from scan2fea.kernel.winding import ROUGH_OPENING, layout, winding
 from scan2fea.types import FloatArray
 
@@ -22,6 +22,8 @@ ROUNDS = 6
 SOFTENING = 0.8  # spacings
 AREA_NEIGHBORS = 12
 FIT_RADIUS, WIDEST_FIT = 2.5, 6.0  # spacings
+FIT_GROWTH = 1.3  # step where the noise cannot yet be told
+SCATTER_QUERIES, SCATTER_NEIGHBORS = 3000, 96
 FIT_OVER_NOISE = 4.0  # a plane fitted over less than this many sigma takes its tilt from the noise
 SAME_SHEET = -0.5  # cosine: round a crease the surface goes on, behind a wall it is another sheet
 
@@ -45,16 +47,28 @@ def fitted(points: FloatArray, outward: FloatArray, spacing_m: float) -> tuple[F
     """Planes of the points that face the same way, and the noise across them.
 
     points, outward : (n, 3).   Returns unit outward normals (n, 3) and sigma, m. Where the noise swamps the fit it is made wider; where no
-    width tells noise from shape, sigma is a quarter of the widest: high, so that nothing fine is believed.
+    width tells noise from shape, sigma is the scatter about the widest planes: too high rather than too low.
     """
-    radius = FIT_RADIUS * spacing_m
+    radius, widest = FIT_RADIUS * spacing_m, WIDEST_FIT * spacing_m
     while True:
         normals = side_normals(near_lists(points, radius), outward)
         sigma = noise_sigma(points, normals)
-        wider = min(FIT_OVER_NOISE * sigma if math.isfinite(sigma) else math.inf, WIDEST_FIT * spacing_m)
-        if wider <= 1.1 * radius:
-            return normals, sigma if math.isfinite(sigma) else radius / FIT_OVER_NOISE
-        radius = wider
+        wanted = FIT_OVER_NOISE * sigma if math.isfinite(sigma) else FIT_GROWTH * radius
+        if min(wanted, widest) <= 1.1 * radius:
+            return normals, sigma if math.isfinite(sigma) else _scatter(points, normals, radius)
+        radius = min(wanted, widest)
+
+
+def _scatter(points: FloatArray, normals: FloatArray, radius_m: float) -> float:
+    """Low quantile of the distances (root mean square) of the points of one side from their plane, over its factor for normal noise."""
+    rows = sampled_rows(len(points), SCATTER_QUERIES, 0)
+    distance, near = k_nearest(points, SCATTER_NEIGHBORS, points[rows])
+    own = (distance <= radius_m) & (np.einsum("nc,nkc->nk", normals[rows], normals[near]) > SAME_SIDE)
+    height = np.einsum("nc,nkc->nk", normals[rows], points[near] - points[rows][:, None])
+    count = np.maximum(own.sum(axis=1), 1)
+    mean = np.where(own, height, 0.0).sum(axis=1) / count
+    rms = np.sqrt(np.where(own, (height - mean[:, None]) ** 2, 0.0).sum(axis=1) / count)
+    return float(np.quantile(rms, 0.3) / 0.92)  # the quantile and factor of reference/reconstruction.md
 
 
 def plain_areas(points: FloatArray) -> FloatArray:

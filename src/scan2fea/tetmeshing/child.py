@@ -18,6 +18,7 @@ _REASONS = (
     ("overlapping facets", "two parts of the surface lie on one another", "repair the surface, or remesh it finer where walls are thin"),
     ("intersect", "the surface crosses itself or folds back on itself", "repair the surface"),
     ("Invalid boundary mesh", "the surface does not bound a volume (crossing or overlapping triangles)", "repair the surface"),
+    ("HXT 3D mesh failed", "the mesher could not fill the surface", "repair the surface: it touches or folds back on itself somewhere"),
     ("recover", "the mesher could not keep all triangles of the surface", "remesh it: long thin triangles are the usual cause"),
     ("No elements in volume", "the surface encloses nothing", "repair the surface"),
     ("bad_alloc", "the mesher ran out of its memory", "raise tetmeshing.memory_limit_gib or mesh coarser"),

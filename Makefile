@@ -29,6 +29,8 @@ $(VENV)/.installed: pyproject.toml requirements.lock system.sh
 	$(PYTHON) -m venv $(VENV)
 	$(RUN) -m pip install --quiet -r requirements.lock
 	$(RUN) -m pip install --quiet --no-deps -e .
+	@echo "compiling the kernels once (about a minute)"
+	$(RUN) -m scan2fea.pipeline.warm
 	touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed requirements-dev.lock

@@ -95,8 +95,8 @@ def volume_row(tets: TetMesh) -> dict[str, Any]:
     return {"n_nodes": used, "n_tets": len(tets.tets), "order": tets.order, "volume_m3": number(total), "quality": finite_tree(quality)}
 
 
-def cad_row(brep: Brep) -> dict[str, Any]:
-    """objects[].cad."""
+def cad_row(brep: Brep, tets: TetMesh | None) -> dict[str, Any]:
+    """objects[].cad; the names are those of the sets of the deck."""
     kinds = brep.face_kinds
     return {
         "n_faces": len(kinds),
@@ -106,7 +106,7 @@ def cad_row(brep: Brep) -> dict[str, Any]:
         "n_cylindrical": kinds.count("cylinder"),
         "n_nurbs": kinds.count("nurbs"),
         "n_facets": kinds.count("facet"),
-        "face_names": list(brep.face_names) if len(kinds) <= MAX_NAMES else [],
+        "face_names": list(brep.face_names if tets is None else tets.face_names)[:MAX_NAMES],
     }
 
 
@@ -151,7 +151,7 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
     if made.tets is not None:
         row["volume"] = volume_row(made.tets)
     if made.brep is not None:
-        row["cad"] = cad_row(made.brep)
+        row["cad"] = cad_row(made.brep, made.tets)
     if made.model is not None and made.result is not None:
         row["fea"] = fea_row(made.model, made.result)
     row["deviation"] = deviation_row(made)

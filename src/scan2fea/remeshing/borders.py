@@ -51,9 +51,11 @@ def pinched_vertices(mesh: TriangleMesh, label: IntArray, twin: IntArray) -> Int
     face = np.arange(len(twin)) // 3
     border = label[face] != label[twin // 3]
     n_borders = np.bincount(ends[border, 0], minlength=len(mesh.vertices))
-    pairs = np.unique(np.stack([mesh.faces.ravel(), np.repeat(label, 3)], axis=1), axis=0)
-    n_labels = np.bincount(pairs[:, 0], minlength=len(mesh.vertices))
-    return np.flatnonzero((n_borders > n_labels) & (n_borders > 2))
+    busy = np.flatnonzero((n_borders > 2)[mesh.faces.ravel()])  # corners of faces, few
+    n_names = int(label.max(initial=0)) + 2
+    key = np.unique(mesh.faces.ravel()[busy] * n_names + label[busy // 3] + 1)
+    n_labels = np.bincount(key // n_names, minlength=len(mesh.vertices))
+    return np.flatnonzero((n_borders > 2) & (n_borders > n_labels))
 
 
 def unpinched(mesh: TriangleMesh, neighbours: Neighbours, labelled: Labelled, scale: Scale, *, may_join: bool = True) -> Labelled:

@@ -15,10 +15,11 @@ from scan2fea.kernel.distances import PointToMesh, sample_surface
 from scan2fea.kernel.measures import extent
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.primitives import Plane, meeting_point
-from scan2fea.kernel.topology import half_edges, neighbour_vertices, surface_topology
+from scan2fea.kernel.topology import half_edges, surface_topology
 from scan2fea.remeshing.borders import outgoing, unpinched
 from scan2fea.remeshing.planes import Labelled, Neighbours, Scale, one_piece_each, tidied
 from scan2fea.remeshing.polygons import crossing_corners, triangulated
+from scan2fea.remeshing.relax import near_faces, relaxed
 from scan2fea.types import FloatArray, IntArray, TriangleMesh, Value
 
 EXACT = 1e-9  # of the size: farther than this off a plane is not on it
@@ -30,7 +31,6 @@ ATTEMPTS = 12
 RETREAT = 2.0  # spacings round trouble that become free form, one more at each attempt
 STRAYED = 0.05  # share of a plane
 SAMPLES = 20_000  # of the new surface
-RINGS = 2  # of faces round a crossing that are relaxed
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -105,7 +105,7 @@ class _Rebuild:
         return [loop[a:b] for a, b in zip(cuts, [*cuts[1:], len(loop)], strict=True)]
 
     def is_tunnel(self, number: int, loop: list[int]) -> bool:
-        """Is the loop one between two planes without a corner? Their line cannot close, so it is a tunnel or a speck: both planes are filled across it."""
+        """Is the loop one between two planes without a corner? Their line cannot close: it is a tunnel or a speck, and both are filled across it."""
         beyond = int(self.beyond[loop[0]])
         if beyond < 0 or self.n_borders[self.ends[loop[0], 0]] > 2:
             return False
@@ -267,42 +267,14 @@ def _crossing_places(mesh: TriangleMesh, pairs: IntArray) -> FloatArray:
     return np.asarray(tri[small].mean(1))
 
 
-def _relaxed(mesh: TriangleMesh, pairs: IntArray) -> TriangleMesh:
-    """Free-form vertices at and near crossing faces drawn to the middle of their neighbours: the border beside them has moved, they follow."""
-    if mesh.face_region is None:
-        return mesh
-    rows = np.unique(pairs)
-    near = np.zeros(len(mesh.vertices), bool)
-    near[mesh.faces[rows]] = True
-    for _ in range(RINGS):
-        near[mesh.faces[near[mesh.faces].any(1)]] = True
-    held = ~near
-    held[mesh.faces[mesh.face_region >= 0]] = True
-    move = np.flatnonzero(~held)
-    start, other = neighbour_vertices(mesh.faces, len(mesh.vertices))
-    points = mesh.vertices.copy()
-    if not len(move):
-        return mesh
-    count = np.diff(start)[move]
-    around = np.concatenate([other[start[v] : start[v + 1]] for v in move])
-    first = np.concatenate([[0], np.cumsum(count)[:-1]])
-    for _ in range(10):
-        points[move] = 0.5 * points[move] + 0.5 * np.add.reduceat(points[around], first, axis=0) / count[:, None]
-    return replace(mesh, vertices=points)
-
-
 def _without_crossings(mesh: TriangleMesh) -> tuple[TriangleMesh, IntArray]:
     """The mesh, relaxed where free form crosses, and the pairs that cross all the same."""
     pairs = self_intersections(mesh)
-    for _ in range(3):
-        if not len(pairs):
-            break
-        trial = _relaxed(mesh, pairs)
-        left = self_intersections(trial)
-        if len(left) >= len(pairs):
-            break
-        mesh, pairs = trial, left
-    return mesh, pairs
+    if not len(pairs):
+        return mesh, pairs
+    trial = relaxed(mesh, near_faces(mesh, np.unique(pairs)))
+    left = self_intersections(trial)
+    return (trial, left) if len(left) < len(pairs) else (mesh, pairs)
 
 
 def _strayed(new: TriangleMesh, rebuild: _Rebuild) -> set[int]:
@@ -310,14 +282,15 @@ def _strayed(new: TriangleMesh, rebuild: _Rebuild) -> set[int]:
     new plane from the old surface.
     """
     reach, old, label = rebuild.scale.reach_m, rebuild.mesh, rebuild.label
+    n = len(rebuild.areas)
     gap = PointToMesh(new).nearest(old.vertices).distance[old.faces].max(1) > reach
-    share = np.bincount(label[gap & (label >= 0)], minlength=len(rebuild.areas)) / np.maximum(np.bincount(label[label >= 0], minlength=len(rebuild.areas)), 1)
+    share = np.bincount(label[gap & (label >= 0)], minlength=n) / np.maximum(np.bincount(label[label >= 0], minlength=n), 1)
     places, face = sample_surface(new, SAMPLES, 0)
     far = PointToMesh(old).nearest(places).distance > reach
     region = np.full(len(new.faces), -1) if new.face_region is None else new.face_region
     name = region[face]
-    count = np.bincount(name[name >= 0], minlength=len(rebuild.areas))
-    back = np.bincount(name[far & (name >= 0)], minlength=len(rebuild.areas)) / np.maximum(count, 1)
+    count = np.bincount(name[name >= 0], minlength=n)
+    back = np.bincount(name[far & (name >= 0)], minlength=n) / np.maximum(count, 1)
     bad = np.flatnonzero((share > STRAYED) | ((back > STRAYED) & (count > 20)))
     return {int(min(bad, key=lambda k: (rebuild.areas[k], k)))} if len(bad) else set()
 

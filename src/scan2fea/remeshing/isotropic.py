@@ -6,6 +6,7 @@ surface is tested for crossings; a round that made one is taken back and repeate
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,6 +21,9 @@ from scan2fea.remeshing.halfedge import CORNER, CREASE, FREE, FROZEN, LONG, SHOR
 from scan2fea.types import BoolArray, ByteArray, FloatArray, IntArray, TriangleMesh
 
 ROUNDS = 6
+POLISHES = 3
+POOR = 0.4  # shape, about 20 degrees, under which a face is worked on to the end
+FLAT_ROUNDS = 3
 RETRIES = 4  # of a round that made faces cross, each with more of the surface held
 TURN = 0.5  # a face may turn by 60 degrees in one change
 FLOOR = 0.35  # a vertex is not moved where a face falls under this shape, unless it was worse
@@ -27,7 +31,7 @@ FLOOR = 0.35  # a vertex is not moved where a face falls under this shape, unles
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Work:
-    """The half-edge arrays of `halfedge`, with room behind the first n_vertices and n_faces. Its arrays are written to."""
+    """The half-edge arrays of `halfedge`, with room behind the first n_vertices and n_faces; they are written to. flat_only : free form is held."""
 
     points: FloatArray
     goal: FloatArray
@@ -39,6 +43,7 @@ class Work:
     region: IntArray
     n_vertices: int
     n_faces: int
+    flat_only: bool = False
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -61,12 +66,11 @@ def opened(mesh: TriangleMesh, is_sharp: BoolArray, goal: FloatArray) -> Work:
     out = np.zeros(n, np.int64)
     out[origin[::-1]] = np.arange(len(origin))[::-1]
     region = np.full(len(mesh.faces), -1, np.int64) if mesh.face_region is None else mesh.face_region.copy()
-    creases = np.bincount(table.edges[is_sharp].ravel(), minlength=n)
-    kind = np.where(creases == 0, FREE, np.where(creases == 2, CREASE, CORNER)).astype(np.uint8)
-    return Work(
-        points=mesh.vertices.copy(), goal=goal.copy(), kind=kind, out=out, origin=origin, twin=table.twin.copy(),
+    work = Work(
+        points=mesh.vertices.copy(), goal=goal.copy(), kind=np.zeros(n, np.uint8), out=out, origin=origin, twin=table.twin.copy(),
         sharp=is_sharp[table.edge_of].astype(np.uint8), region=region, n_vertices=n, n_faces=len(mesh.faces),
     )  # fmt: skip
+    return replace(work, kind=_kinds(work))
 
 
 def closed(work: Work) -> TriangleMesh:
@@ -88,6 +92,7 @@ def compacted(work: Work) -> Work:
     return Work(
         points=work.points[used], goal=work.goal[used], kind=work.kind[used], out=new_half[work.out[used]], origin=packed.ravel().astype(np.int64),
         twin=new_half[work.twin[halves]], sharp=work.sharp[halves], region=work.region[alive], n_vertices=len(used), n_faces=len(alive),
+        flat_only=work.flat_only,
     )  # fmt: skip
 
 
@@ -99,10 +104,18 @@ def _roomy(work: Work, n: int) -> Work:
     return replace(work, **grown)
 
 
-def _edges_by_length(work: Work) -> tuple[IntArray, FloatArray]:
-    """One half-edge of each edge, shortest first against the goal, and the edge's length over its goal."""
+def _open_edges(work: Work) -> IntArray:
+    """One half-edge of each edge that may be changed: all, or those between faces of planes where free form is held."""
     h = np.flatnonzero(work.origin[: 3 * work.n_faces] >= 0)
     h = h[h < work.twin[h]]
+    if work.flat_only:
+        h = h[(work.region[h // 3] >= 0) & (work.region[work.twin[h] // 3] >= 0)]
+    return h
+
+
+def _edges_by_length(work: Work) -> tuple[IntArray, FloatArray]:
+    """One half-edge of each open edge, shortest first against the goal, and the edge's length over its goal."""
+    h = _open_edges(work)
     a, b = work.origin[h], work.origin[h // 3 * 3 + (h + 1) % 3]
     share = np.linalg.norm(work.points[a] - work.points[b], axis=1) / (0.5 * (work.goal[a] + work.goal[b]))
     order = np.argsort(share, kind="stable")
@@ -138,7 +151,7 @@ def _collapse(work: Work, drift: float, turn: float, short: float = SHORT) -> Wo
 
 def _flip(work: Work, drift: float, turn: float) -> None:
     for _ in range(3):
-        half = np.flatnonzero(np.arange(len(work.twin)) < work.twin)
+        half = _open_edges(work)
         w = work
         if not flip_edges(half, w.origin, w.twin, w.out, w.sharp, w.kind, w.points, turn, drift):
             break
@@ -204,10 +217,12 @@ def _round(work: Work, guide: Guide) -> Work:
     return work
 
 
-def _held(work: Work, crossing: TriangleMesh, pairs: IntArray, reach: float) -> Work:
-    """The work with every vertex near the crossing faces frozen. `reach` is in goals."""
-    where = TriangleMesh(vertices=crossing.vertices, faces=crossing.faces[np.unique(pairs)])
-    near = PointToMesh(where).nearest(work.points).distance <= reach * work.goal
+def _eased(work: Work, where: TriangleMesh, attempt: int) -> Work:
+    """The work made easier near crossing faces: shorter edges, which bend less, at the first attempt; held still, farther each time, after that."""
+    reach = np.maximum(1.0, attempt) * work.goal
+    near = PointToMesh(where).nearest(work.points).distance <= reach
+    if attempt == 0:
+        return replace(work, goal=np.where(near, 0.5 * work.goal, work.goal))
     return replace(work, kind=np.where(near, FROZEN, work.kind).astype(np.uint8))
 
 
@@ -216,22 +231,73 @@ def _copy(work: Work) -> Work:
     return replace(work, **{name: getattr(work, name).copy() for name in names})
 
 
-def isotropic(work: Work, guide: Guide, rounds: int = ROUNDS) -> tuple[Work, int]:
-    """The remeshed work and how many rounds were taken back. The input must be free of crossings; so is the result."""
-    taken_back = 0
+def flat_first(work: Work, guide: Guide, rounds: int = FLAT_ROUNDS) -> Work:
+    """The planes remeshed alone, everything that touches free form held: within a plane the guards of each change leave nothing to cross.
+
+    What a plane is filled with at first are long faces; they would hide what happens beside them.
+    """
+    if not guide.planes:
+        return work
+    free = np.zeros(len(work.points), bool)
+    free[work.origin.reshape(-1, 3)[work.region < 0]] = True
+    work = replace(_copy(work), kind=np.where(free, np.maximum(work.kind, CORNER), work.kind).astype(np.uint8), flat_only=True)
     for _ in range(rounds):
-        for retry in range(RETRIES):
-            trial = _round(_copy(work), guide)
-            mesh = closed(trial)
-            pairs = self_intersections(mesh)
-            if not len(pairs):
-                work = compacted(trial)
-                break
-            taken_back += 1
-            work = _held(work, mesh, pairs, 1.0 + retry)
-        else:
-            break
-    return work, taken_back
+        work = _round(work, guide)
+    work = compacted(work)
+    return replace(work, kind=_kinds(work), flat_only=False)
+
+
+def _kinds(work: Work) -> ByteArray:
+    """FREE, CREASE or CORNER by the number of sharp edges at each vertex."""
+    creases = np.bincount(work.origin[work.sharp > 0], minlength=len(work.points))
+    return np.where(creases == 0, FREE, np.where(creases == 2, CREASE, CORNER)).astype(np.uint8)
+
+
+def isotropic(work: Work, guide: Guide, rounds: int = ROUNDS) -> tuple[Work, list[TriangleMesh]]:
+    """The remeshed work, and the faces that crossed in steps that had to be given up. The input must be free of crossings; so is the result."""
+    if not rounds:
+        return work, []
+    work = flat_first(work, guide)
+    trouble: list[TriangleMesh] = []
+    for step in [_round] * rounds + [_polish] * POLISHES:
+        work, crossed = _guarded(work, guide, step)
+        trouble += crossed
+    return work, trouble
+
+
+def _guarded(work: Work, guide: Guide, step: Callable[[Work, Guide], Work]) -> tuple[Work, list[TriangleMesh]]:
+    """The work after a step that makes no faces cross, eased until it does not; else as it was. And the faces that crossed."""
+    start = work
+    crossed = []
+    for attempt in range(RETRIES):
+        trial = compacted(step(_copy(start), guide))
+        mesh = closed(trial)
+        pairs = self_intersections(mesh)
+        if not len(pairs):
+            return replace(trial, kind=_kinds(trial)), crossed
+        crossed.append(TriangleMesh(vertices=mesh.vertices, faces=mesh.faces[np.unique(pairs)]))
+        start = _eased(start, crossed[-1], attempt)
+    return work, crossed
+
+
+def _polish(work: Work, guide: Guide) -> Work:
+    """Faces that are still badly shaped: their edges turned, their shortest edges taken out whatever the goal, their corners moved."""
+    work = compacted(work)
+    faces = work.origin.reshape(-1, 3)
+    tri = work.points[faces]
+    edge = np.linalg.norm(tri - np.roll(tri, -1, axis=1), axis=2)
+    doubled = np.linalg.norm(np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0]), axis=1)
+    bad = np.flatnonzero(2 * 3**0.5 * doubled / np.maximum((edge**2).sum(1), 1e-300) < POOR)
+    if not len(bad):
+        return work
+    w = work
+    flip_edges((3 * bad[:, None] + np.arange(3)).ravel(), w.origin, w.twin, w.out, w.sharp, w.kind, w.points, TURN, guide.drift_m)
+    shortest = 3 * bad + edge[bad].argmin(1)
+    collapse_edges(shortest, w.origin, w.twin, w.out, w.sharp, w.kind, w.goal, w.points, TURN, guide.drift_m, np.inf)
+    work = compacted(work)
+    _smooth(work, guide, TURN, 2)
+    _flip(work, guide.drift_m, TURN)
+    return work
 
 
 def sharp_edges(mesh: TriangleMesh, angle_deg: float) -> BoolArray:

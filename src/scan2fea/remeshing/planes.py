@@ -315,9 +315,11 @@ def planes_around(label: IntArray, of: IntArray, part: IntArray, n_planes: int) 
 
 
 def without_islands(mesh: TriangleMesh, neighbours: Neighbours, labelled: Labelled, scale: Scale) -> Labelled:
-    """Small islands of free form whose vertices all lie within reach of the planes around them, face by face given to the nearest of these.
+    """Islands of free form whose vertices all lie near the planes around them, face by face given to the nearest of these.
 
-    Not where two of these planes are parallel: between the sides of a plate the island is the wall of a hole.
+    Near: within reach for a small island, within the noise for a large one (a fillet is larger and farther). A small one inside a single plane is
+    filled however deep it is: nothing of its size can be told from an outlier. Not where two of the planes are parallel: between the sides of a
+    plate the island is the wall of a hole.
     """
     label = labelled.label.copy()
     free = np.flatnonzero(label < 0)
@@ -325,16 +327,18 @@ def without_islands(mesh: TriangleMesh, neighbours: Neighbours, labelled: Labell
         return labelled
     n_parts, part = face_components(mesh.faces[free])
     area = np.bincount(part, weights=neighbours.areas[free], minlength=n_parts)
-    for number in np.flatnonzero(area < ISLAND_AREA * scale.spacing_m**2):
-        rows = free[part == number]
+    order = np.argsort(part, kind="stable")
+    start = np.searchsorted(part[order], np.arange(n_parts + 1))
+    for number in range(n_parts):
+        rows = free[order[start[number] : start[number + 1]]]
         names = np.unique(label[neighbours.of[rows]])
         names = names[names >= 0]
         cosine = np.abs(labelled.normal[names] @ labelled.normal[names].T)
         if not len(names) or (cosine - np.eye(len(names)) > PARALLEL).any():
             continue
-        corners = mesh.vertices[mesh.faces[rows]]
-        gap = np.abs(corners @ labelled.normal[names].T - labelled.offset[names])  # (f, 3, p)
-        if gap.min(2).max() <= scale.reach_m:
+        gap = np.abs(mesh.vertices[mesh.faces[rows]] @ labelled.normal[names].T - labelled.offset[names])  # (f, 3, p)
+        small = area[number] < ISLAND_AREA * scale.spacing_m**2
+        if (small and len(names) == 1) or gap.min(2).max() <= (scale.reach_m if small else scale.strip_m):
             label[rows] = names[gap.max(1).argmin(1)]
     return replace(labelled, label=label)
 

@@ -11,17 +11,24 @@ from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.primitives import Plane, meeting_point
+from scan2fea.kernel.quality import triangle_quality
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.options import option
 from scan2fea.remeshing.creases import Flattened, flattened
 from scan2fea.remeshing.find import find_planes
-from scan2fea.remeshing.isotropic import Guide, closed, crease_guide, isotropic, opened, sharp_edges
+from scan2fea.remeshing.isotropic import RETRIES, Guide, closed, crease_guide, isotropic, opened, sharp_edges
 from scan2fea.remeshing.planes import Neighbours, scale_of
+from scan2fea.remeshing.relax import near_places, relaxed
 from scan2fea.remeshing.sizing import edge_goal
 from scan2fea.types import TriangleMesh, Value
 
 EDGE_SPACINGS = 2.0
 CREASE_DEG = 40.0
+EXACT_SCAN = 0.01  # of the spacing: less noise than this leaves creases sharp
+DRIFT = 0.3  # spacings that one change of the triangles may move the surface
+RESTARTS = 3
+VOLUME_DRIFT, FINER = 0.01, 0.6
+POOR_DEG = 15.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,26 +68,55 @@ def remesh(mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spac
     edge = options.edge_m if options.edge_m else EDGE_SPACINGS * spacing_m
     found = _flat(mesh, options, spacing_m, sigma_m, edge)
     flat, planes = found.mesh, found.planes
-    is_sharp = sharp_edges(flat, CREASE_DEG if sigma_m < 0.01 * spacing_m else 180.0)
-    goal = edge_goal(flat, is_sharp, edge, min(spacing_m, edge), options.max_faces)
-    guide = Guide(
-        surface=PointToMesh(flat),
-        creases=crease_guide(flat, is_sharp),
-        planes=dict(enumerate(planes)),
-        drift_m=max(sigma_m, 0.3 * spacing_m),
-    )
-    work, taken_back = isotropic(opened(flat, is_sharp, goal), guide, options.rounds)
-    result = on_planes(closed(work), planes)
+    crease_deg = CREASE_DEG if sigma_m < EXACT_SCAN * spacing_m else 180.0  # in noise every edge may be sharp
+    drift = max(sigma_m, DRIFT * spacing_m)
+    result, taken_back = _even(flat, planes, edge, min(spacing_m, edge), crease_deg, drift, options)
+    if abs(volume(result) / volume(flat) - 1) > VOLUME_DRIFT and options.rounds:
+        # thin free-form walls were cut short: finer triangles that may stray less
+        finer, more = _even(flat, planes, FINER * edge, FINER * min(spacing_m, edge), crease_deg, FINER * drift, options)
+        if abs(volume(finer) / volume(flat) - 1) < abs(volume(result) / volume(flat) - 1):
+            result, taken_back = finer, taken_back + more
+    result = on_planes(result, planes)
     moved = PointToMesh(result).nearest(mesh.vertices).distance
     return Remeshed(
         mesh=result,
         planes=planes,
         n_taken_back=taken_back,
-        edge_m=float(np.median(goal)),
+        edge_m=float(np.median(np.linalg.norm(result.vertices[result.faces[:, 0]] - result.vertices[result.faces[:, 1]], axis=1))),
         volume_drift=volume(result) / volume(mesh) - 1,
         moved_p95_m=float(np.percentile(moved, 95)),
         moved_max_m=float(moved.max()),
     )
+
+
+def _even(
+    flat: TriangleMesh, planes: tuple[Plane, ...], edge_m: float, finest_m: float, crease_deg: float, drift_m: float, options: RemeshOptions
+) -> tuple[TriangleMesh, int]:
+    """`flat` with triangles of even size, and how many steps were taken back. Where free form keeps crossing itself, a spike or a pit is in the way:
+    it is relaxed in the surface that is followed, and all is done again; the result with the fewest poor faces stays.
+    """
+    best, best_poor, taken_back = flat, np.inf, 0
+    surface = flat
+    for restart in range(RESTARTS):
+        is_sharp = sharp_edges(surface, crease_deg)
+        goal = edge_goal(surface, is_sharp, edge_m, finest_m, options.max_faces)
+        guide = Guide(surface=PointToMesh(surface), creases=crease_guide(surface, is_sharp), planes=dict(enumerate(planes)), drift_m=drift_m)
+        work, trouble = isotropic(opened(surface, is_sharp, goal), guide, options.rounds)
+        mesh = closed(work)
+        taken_back += len(trouble)
+        poor = int((triangle_quality(mesh.vertices, mesh.faces)["min_angle_deg"] < POOR_DEG).sum())
+        if poor < best_poor:
+            best, best_poor = mesh, poor
+        if len(trouble) < RETRIES or not poor:
+            break
+        near = np.zeros(len(surface.vertices), bool)
+        for crossed in trouble:
+            near |= near_places(surface, crossed, (1 + restart) * float(np.median(goal)))
+        smooth = relaxed(surface, near)
+        if len(self_intersections(smooth)):
+            break
+        surface = smooth
+    return best, taken_back
 
 
 def _flat(mesh: TriangleMesh, options: RemeshOptions, spacing_m: float, sigma_m: float, edge_m: float) -> Flattened:

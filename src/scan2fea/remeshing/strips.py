@@ -121,8 +121,13 @@ def bridged(mesh: TriangleMesh, neighbours: Neighbours, labelled: Labelled, scal
 
 def _between_sides(mesh: TriangleMesh, label: IntArray, opposite: BoolArray) -> IntArray:
     """Vertices that touch two planes that look away from each other."""
-    pairs = np.unique(np.stack([mesh.faces.ravel(), np.repeat(label, 3)], axis=1), axis=0)
-    pairs = pairs[pairs[:, 1] >= 0]
+    own = np.repeat(label, 3)
+    low, high = np.full(len(mesh.vertices), np.iinfo(np.int64).max), np.full(len(mesh.vertices), -1)
+    np.minimum.at(low, mesh.faces.ravel(), np.where(own < 0, np.iinfo(np.int64).max, own))
+    np.maximum.at(high, mesh.faces.ravel(), own)
+    mixed = np.flatnonzero((low < high)[mesh.faces.ravel()] & (own >= 0))
+    key = np.unique(mesh.faces.ravel()[mixed] * len(opposite) + own[mixed])
+    pairs = np.stack([key // max(len(opposite), 1), key % max(len(opposite), 1)], axis=1)
     found = []
     for step in (1, 2, 3):  # a vertex with more than four planes is met again when the first are settled
         same = np.flatnonzero(pairs[:-step, 0] == pairs[step:, 0])

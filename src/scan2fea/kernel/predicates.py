@@ -1,8 +1,7 @@
 """Which faces of a mesh cross one another.
 
-Two faces cross where an edge of one passes through the inside of the other, or where both lie in one plane and share area. Faces that
-meet at a shared vertex or edge do not cross there. Rounding: an edge that misses a face's rim by less than EPS of its size counts as
-passing through; touching exactly at a rim does not.
+Two faces cross where an edge of one meets the other, or where both lie in one plane and share area. Faces that meet at a shared vertex or
+edge (the same place, whatever its number) do not cross there; faces that share nothing must not even touch.
 """
 
 from __future__ import annotations
@@ -13,15 +12,15 @@ from scan2fea.kernel.face_tree import face_tree
 from scan2fea.kernel.jit import jit
 from scan2fea.types import FloatArray, IntArray, TriangleMesh
 
-EPS = 1e-8  # of barycentric coordinates; an order under what a reader of our files would count as crossing
+EPS = 1e-8  # of barycentric coordinates, where faces share a vertex and rounding alone would make them meet
 PARALLEL = 1e-11  # sine under which an edge is parallel to a face
 FLAT_COSINE, FLAT_GAP = 1 - 2e-9, 2e-8  # faces within these lie in one plane (the cosine of their normals; the gap over their size)
 FLAT_TOUCH = 5e-10  # overlap in one plane under this share of the size is a touch
 
 
 @jit
-def _edge_passes(p: FloatArray, q: FloatArray, t: FloatArray) -> bool:
-    """Does the open segment pq pass through the inside of triangle t (3, 3)? (Moeller and Trumbore 1997)"""
+def _edge_passes(p: FloatArray, q: FloatArray, t: FloatArray, eps: float) -> bool:
+    """Does the segment pq meet triangle t (3, 3)? eps : of barycentric coordinates, left out at both rims. (Moeller and Trumbore 1997)"""
     e1x, e1y, e1z = t[1, 0] - t[0, 0], t[1, 1] - t[0, 1], t[1, 2] - t[0, 2]
     e2x, e2y, e2z = t[2, 0] - t[0, 0], t[2, 1] - t[0, 1], t[2, 2] - t[0, 2]
     dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
@@ -32,14 +31,14 @@ def _edge_passes(p: FloatArray, q: FloatArray, t: FloatArray) -> bool:
         return False
     sx, sy, sz = p[0] - t[0, 0], p[1] - t[0, 1], p[2] - t[0, 2]
     u = (sx * hx + sy * hy + sz * hz) / det
-    if u <= EPS or u >= 1 - EPS:
+    if u < eps or u > 1 - eps:
         return False
     kx, ky, kz = sy * e1z - sz * e1y, sz * e1x - sx * e1z, sx * e1y - sy * e1x
     w = (dx * kx + dy * ky + dz * kz) / det
-    if w <= EPS or u + w >= 1 - EPS:
+    if w < eps or u + w > 1 - eps:
         return False
     along = (e2x * kx + e2y * ky + e2z * kz) / det
-    return bool(along > EPS and along < 1 - EPS)
+    return bool(along >= eps and along <= 1 - eps)
 
 
 @jit
@@ -93,12 +92,13 @@ def _faces_cross(a: FloatArray, b: FloatArray, fa: IntArray, fb: IntArray) -> bo
     if n_shared == 3:
         return True
     if n_shared < 2:
+        eps = 0.0 if n_shared == 0 else EPS
         # an edge that ends in a shared vertex meets the other face there; that it crosses farther on shows in the edges across
         for k in range(3):
             m = (k + 1) % 3
-            if not (shared_a[k] or shared_a[m]) and _edge_passes(a[k], a[m], b):
+            if not (shared_a[k] or shared_a[m]) and _edge_passes(a[k], a[m], b, eps):
                 return True
-            if not (shared_b[k] or shared_b[m]) and _edge_passes(b[k], b[m], a):
+            if not (shared_b[k] or shared_b[m]) and _edge_passes(b[k], b[m], a, eps):
                 return True
     return _overlap_in_plane(a, b)
 
@@ -142,12 +142,22 @@ def _crossing_pairs(tri: FloatArray, faces: IntArray, boxes: FloatArray, start: 
     return found[:n_found].copy()
 
 
+def _places(vertices: FloatArray) -> IntArray:
+    """(n,) the same number for vertices at exactly the same place."""
+    order = np.lexsort((vertices[:, 2], vertices[:, 1], vertices[:, 0]))
+    new = np.concatenate([[True], (vertices[order[1:]] != vertices[order[:-1]]).any(1)])
+    place = np.zeros(len(vertices), np.int64)
+    place[order] = np.cumsum(new) - 1
+    return place
+
+
 def self_intersections(mesh: TriangleMesh) -> IntArray:
     """(k, 2) pairs of faces of `mesh` that cross or overlap, each pair once, smaller face first, in order."""
     if len(mesh.faces) < 2:
         return np.zeros((0, 2), np.int64)
     middle = mesh.vertices.mean(0)  # keeps the products small for a part far from the origin
+    place = _places(mesh.vertices)
     tree = face_tree((mesh.vertices - middle)[mesh.faces])
-    pairs = tree.face[_crossing_pairs(tree.corners, np.ascontiguousarray(mesh.faces[tree.face]), tree.boxes, tree.start)]
+    pairs = tree.face[_crossing_pairs(tree.corners, np.ascontiguousarray(place[mesh.faces[tree.face]]), tree.boxes, tree.start)]
     pairs = np.sort(pairs.reshape(-1, 2), axis=1)
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]

@@ -152,7 +152,7 @@ class _Rebuild:
         off = np.linalg.norm(np.cross(old - p, way / length), axis=1)
         if np.percentile(off, 90) <= self.scale.reach_m:
             return np.zeros(0, np.int64)
-        return np.array(chain)[off > self.scale.reach_m]
+        return np.asarray(np.array(chain, np.int64)[off > self.scale.reach_m])
 
     def fair_free_borders(self) -> None:
         """Border vertices between a plane and free form put onto the plane and smoothed in it, corners held."""
@@ -233,20 +233,23 @@ def _without_repeated_edges(points: FloatArray, faces: IntArray, region: IntArra
         if not len(crowded):
             break
         touched: set[int] = set()
-        new_points, new_faces, new_region, drop = [], [], [], []
+        new_points: list[FloatArray] = []
+        new_faces: list[tuple[int, int, int]] = []
+        new_region: list[int] = []
+        drop: list[int] = []
         edges: dict[tuple[int, int, int], list[int]] = {}
-        for h in crowded:
+        for h in crowded.tolist():
             edges.setdefault((int(key[h, 0]), int(key[h, 1]), int(region[h // 3])), []).append(int(h))
         for (u, v, name), halves in sorted(edges.items()):
             if len(halves) != 2 or touched & {h // 3 for h in halves}:
                 continue
             middle = len(points) + len(new_points)
             new_points.append((points[u] + points[v]) / 2)
-            for h in halves:
-                f = h // 3
+            for half in halves:
+                f = half // 3
                 touched.add(f)
                 drop.append(f)
-                a, b, c = (int(faces[f, (h + k) % 3]) for k in range(3))
+                a, b, c = (int(faces[f, (half + k) % 3]) for k in range(3))
                 new_faces += [(a, middle, c), (middle, b, c)]
                 new_region += [name, name]
         if not drop:
@@ -328,7 +331,7 @@ def _retreated(mesh: TriangleMesh, neighbours: Neighbours, rebuild: _Rebuild, ra
     label = np.where(np.isin(rebuild.label, sorted(rebuild.bad)), -1, rebuild.label)
     if rebuild.trouble:
         places = mesh.vertices[np.unique(np.concatenate(rebuild.trouble))]
-        near = cKDTree(places).query(mesh.vertices, distance_upper_bound=radius)[0] <= radius
+        near = np.asarray(np.asarray(cKDTree(places).query(mesh.vertices, distance_upper_bound=radius)[0]) <= radius)
         near[np.unique(np.concatenate(rebuild.trouble))] = True
         label = np.where(near[mesh.faces].any(1), -1, label)
     current = tidied(mesh, neighbours, replace(rebuild.labelled, label=label), rebuild.scale)

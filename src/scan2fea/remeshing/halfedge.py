@@ -182,7 +182,7 @@ def _segment_gap(p: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray, n: 
         side = (ey * rz - ez * ry) * n[0] + (ez * rx - ex * rz) * n[1] + (ex * ry - ey * rx) * n[2]
         if side < -1e-9 * (ex * ex + ey * ey + ez * ez):
             return np.inf
-    return abs(height)
+    return float(abs(height))
 
 
 @jit

@@ -268,7 +268,7 @@ def isotropic(work: Work, guide: Guide, rounds: int = ROUNDS) -> tuple[Work, lis
 def _guarded(work: Work, guide: Guide, step: Callable[[Work, Guide], Work]) -> tuple[Work, list[TriangleMesh]]:
     """The work after a step that makes no faces cross, eased until it does not; else as it was. And the faces that crossed."""
     start = work
-    crossed = []
+    crossed: list[TriangleMesh] = []
     for attempt in range(RETRIES):
         trial = compacted(step(_copy(start), guide))
         mesh = closed(trial)

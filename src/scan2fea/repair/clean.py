@@ -10,9 +10,11 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from scan2fea.kernel.measures import volume
+from scan2fea.kernel.measures import vertex_normals, volume
 from scan2fea.kernel.topology import corner_fans, degenerate_faces, edge_table, face_components, half_edges
 from scan2fea.types import BoolArray, IntArray, TriangleMesh
+
+PART = 0.01  # of the shortest edge at a vertex: how far it is drawn from its twin
 
 
 def taken(mesh: TriangleMesh, keep: BoolArray) -> TriangleMesh:
@@ -141,6 +143,20 @@ def split_fans(mesh: TriangleMesh) -> TriangleMesh:
         return mesh
     deviation = None if mesh.deviation_m is None else mesh.deviation_m[pairs[:, 0]]
     return replace(mesh, vertices=mesh.vertices[pairs[:, 0]], faces=inverse.reshape(-1, 3).astype(np.int64), deviation_m=deviation)
+
+
+def parted(mesh: TriangleMesh) -> TriangleMesh:
+    """Vertices at the same place drawn a little into their own side, so that fans that were cut apart do not touch, in any file format."""
+    _, place, count = np.unique(mesh.vertices, axis=0, return_inverse=True, return_counts=True)
+    twins = np.flatnonzero(count[place.ravel()] > 1)
+    if not len(twins):
+        return mesh
+    ends = half_edges(mesh.faces)
+    shortest = np.full(len(mesh.vertices), np.inf)
+    np.minimum.at(shortest, ends[:, 0], np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1))
+    points = mesh.vertices.copy()
+    points[twins] -= PART * shortest[twins, None] * vertex_normals(mesh)[twins]
+    return replace(mesh, vertices=points)
 
 
 def _fans_without(faces: IntArray, crowded: BoolArray) -> IntArray:

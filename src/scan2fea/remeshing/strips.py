@@ -45,8 +45,9 @@ def narrow_planes(mesh: TriangleMesh, neighbours: Neighbours, labelled: Labelled
         sides = mesh.vertices[mesh.faces[(label == a) | (label == b)]].mean(1)
         plate = _Plate(labelled.plane(a), labelled.plane(b), labelled.normal, sides)
         for strip, plane in _strips(mesh, neighbours, rows, plate, scale):
-            taken[strip] = True
-            found.append((strip, plane))
+            if len(strip):  # a strip may lose its last face to a stronger one
+                taken[strip] = True
+                found.append((strip, plane))
     return _with_strips(mesh, neighbours, labelled, found, scale)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from scan2fea.errors import UsageError, require
 from scan2fea.options import option
+from scan2fea.reconstruction.thin import thinned
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
 from scan2fea.types import Scan
 
@@ -16,12 +17,13 @@ METHODS: Mapping[str, Callable[[Scan, VisibilityOptions], Reconstruction]] = {"v
 @dataclass(frozen=True, kw_only=True)
 class ReconstructionOptions(VisibilityOptions):
     method: str = option("visibility", "how the surface is found", choices=tuple(METHODS))
+    max_points: int = option(150_000, "a denser scan of one object is thinned to this many of its points; checks still use all", minimum=100)
 
 
 def reconstruct(scan: Scan, options: ReconstructionOptions = ReconstructionOptions()) -> Reconstruction:
     """The closed surface of one object by `options.method`. Raises UsageError for an unknown method, ReconstructionError where there is none."""
     require(options.method in METHODS, UsageError, f"reconstruction.method {options.method!r}: use one of {', '.join(METHODS)}")
-    return METHODS[options.method](scan, options)
+    return METHODS[options.method](thinned(scan, options.max_points), options)
 
 
 __all__ = ["METHODS", "Reconstruction", "ReconstructionOptions", "VisibilityOptions", "reconstruct", "visibility"]

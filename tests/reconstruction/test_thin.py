@@ -1,0 +1,33 @@
+import numpy as np
+
+from scan2fea.reconstruction.thin import thinned
+from scan2fea.types import PointCloud, Rays, Scan
+
+
+def sheet(n):
+    rng = np.random.default_rng(2)
+    points = np.c_[rng.random((n, 2)), np.where(rng.random(n) < 0.5, 0.0, 0.004)]  # two faces of a wall
+    rays = Rays(origin=np.tile([0.0, 0, 9], (n, 1)), direction=np.tile([0.0, 0, -1], (n, 1)), range_m=np.full(n, 9.0))
+    return Scan(cloud=PointCloud.of(points, ray=np.arange(n)), rays=rays)
+
+
+def test_on_the_threshold_nothing_is_done():
+    scan = sheet(500)
+    assert thinned(scan, 500) is scan
+
+
+def test_points_are_picked_never_moved_and_spread_evenly():
+    scan = sheet(5000)
+    small = thinned(scan, 1000)
+    assert 600 <= len(small.cloud) <= 1000
+    assert set(map(tuple, small.cloud.points)) <= set(map(tuple, scan.cloud.points))
+    assert set(np.unique(small.cloud.points[:, 2])) == {0.0, 0.004}
+    quarter = (small.cloud.points[:, 0] < 0.5) & (small.cloud.points[:, 1] < 0.5)
+    assert abs(quarter.mean() - 0.25) < 0.05
+    assert len(small.rays) == len(small.cloud)
+
+
+def test_same_points_whatever_the_place():
+    scan = sheet(3000)
+    again = thinned(scan, 700)
+    assert np.array_equal(thinned(scan, 700).cloud.points, again.cloud.points)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scan2fea.kernel.distances import sample_surface
+from scan2fea.kernel.distances import PointToMesh, sample_surface
 from scan2fea.kernel.measures import extent, face_normals
 from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.types import FloatArray, TriangleMesh
@@ -12,16 +12,29 @@ from scan2fea.types import FloatArray, TriangleMesh
 SAMPLES = 4000
 
 
+def places_on(mesh: TriangleMesh, seed: int = 0, n: int = SAMPLES) -> FloatArray:
+    """(n, 3) seeded places on the surface, uniform in area."""
+    return sample_surface(mesh, n, seed)[0]
+
+
+def thickness_at(mesh: TriangleMesh, places: FloatArray) -> FloatArray:
+    """(n,) thickness of a closed surface at the points of it nearest to `places` (n, 3): straight inward to the other side, nan where nothing is met.
+
+    The same places on two surfaces tell what happened to each wall; medians of their own samples would mix walls of different thickness.
+    """
+    nearest = PointToMesh(mesh).nearest(places)
+    inward = -face_normals(mesh)[nearest.face]
+    step = 1e-7 * extent(mesh.vertices)  # off the face the ray starts on
+    t, hit = first_hits(scene_of(mesh), nearest.closest + step * inward, inward)
+    return np.where((hit >= 0) & np.isfinite(t), t + step, np.nan)
+
+
 def wall_thickness(mesh: TriangleMesh, seed: int = 0, n: int = SAMPLES) -> FloatArray:
-    """(k,) distances from seeded places on the surface straight inward to the other side; k <= n, rays that leave through an edge are dropped."""
+    """(k,) thickness at seeded places; k <= n, rays that leave through an edge are dropped."""
     if not len(mesh.faces):
         return np.zeros(0)
-    places, face = sample_surface(mesh, n, seed)
-    inward = -face_normals(mesh)[face]
-    step = 1e-7 * extent(mesh.vertices)  # off the face the ray starts on
-    t, hit = first_hits(scene_of(mesh), places + step * inward, inward)
-    through = (hit >= 0) & np.isfinite(t)
-    return np.asarray(t[through] + step)
+    found = thickness_at(mesh, places_on(mesh, seed, n))
+    return found[np.isfinite(found)]
 
 
 def median_thickness(mesh: TriangleMesh, seed: int = 0) -> float:

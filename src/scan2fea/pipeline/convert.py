@@ -21,7 +21,7 @@ from scan2fea.kernel.coverage import deviation, face_origin
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_areas, volume
 from scan2fea.kernel.noise import spacing
-from scan2fea.kernel.thickness import median_thickness
+from scan2fea.kernel.thickness import places_on, thickness_at
 from scan2fea.pipeline.config import Config
 from scan2fea.pipeline.outputs import BREP, write_object
 from scan2fea.pipeline.part import Made, Part
@@ -107,8 +107,13 @@ def _moved(made: Made, step: str, mesh: TriangleMesh) -> None:
     made.surface = mesh
     if not len(mesh.faces):
         return
+    if made.places is None:
+        made.places = places_on(mesh)
+    made.thickness.append(thickness_at(mesh, made.places))
+    known = made.thickness[-1][np.isfinite(made.thickness[-1])]
     distance = PointToMesh(mesh).nearest(made.part.scan.cloud.points).distance
-    made.drift.append({"step": step, "volume_m3": volume(mesh), "thickness_m": median_thickness(mesh), "p95_m": float(np.percentile(distance, 95))})
+    thickness = float(np.median(known)) if len(known) else np.nan
+    made.drift.append({"step": step, "volume_m3": volume(mesh), "thickness_m": thickness, "p95_m": float(np.percentile(distance, 95))})
 
 
 def _verify_geometry(made: Made) -> None:
@@ -128,8 +133,10 @@ def _verify_geometry(made: Made) -> None:
     made.deviation = found
     made.surface = replace(surface, face_origin=origin, deviation_m=found.per_vertex_m)
     made.checks += deviation_checks(found, made.spacing_m, made.sigma_m, supported)
-    first, last = made.drift[0 if made.part.mesh is None else 1], made.drift[-1]  # a file with faces may enter open: count from its repair
-    made.checks += drift_checks(last["volume_m3"], first["volume_m3"], last["thickness_m"], first["thickness_m"])
+    first = 0 if made.part.mesh is None else 1  # a file with faces may enter open: count from its repair
+    ratio = made.thickness[-1] / made.thickness[first]
+    thicker = float(np.median(ratio[np.isfinite(ratio)])) - 1 if np.isfinite(ratio).any() else np.nan
+    made.checks += drift_checks(made.drift[-1]["volume_m3"], made.drift[first]["volume_m3"], thicker)
     made.checks += [*tet_checks(tets, enclosed), *brep_checks(brep, enclosed)]
 
 

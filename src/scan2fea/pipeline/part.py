@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from scan2fea.kernel.coverage import Deviation
-from scan2fea.types import Brep, Check, FEModel, FEResult, Scan, TetMesh, TriangleMesh, Value
+from scan2fea.types import Brep, Check, FEModel, FEResult, FloatArray, Scan, TetMesh, TriangleMesh, Value
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -37,4 +37,6 @@ class Made:
     result: FEResult | None = None
     checks: list[Check] = field(default_factory=list)
     drift: list[dict[str, Any]] = field(default_factory=list)
+    places: FloatArray | None = None  # where the thickness is followed through the steps
+    thickness: list[FloatArray] = field(default_factory=list)  # one per step of the drift ledger
     stopped: str = ""  # why the chain ended early

@@ -17,8 +17,8 @@ from scan2fea.reconstruction.gates_surface import coverage, deviation, merged, p
 from scan2fea.types import Check
 
 UNMEASURED_SEEN, UNMEASURED_UNSEEN = 0.10, 0.02  # of the area, with and without sensor positions
-DEVIATION_SEEN = 2.5  # sigma
-DEVIATION_UNSEEN = 2.0  # (sigma + QUIET h)
+DEVIATION_SEEN = 2.5  # (sigma + QUIET h)
+DEVIATION_UNSEEN = 2.0  # of the same
 QUIET = 0.05  # spacings: what a surface may lie off its points without any noise
 STRAY_SIGMAS, STRAY_SPACINGS = 3.0, 0.5
 
@@ -27,7 +27,7 @@ def gates_seen(evidence: Evidence) -> tuple[Check, ...]:
     """The checks where sensor positions are known."""
     nearest = PointToMesh(evidence.mesh).nearest(evidence.measured)
     sigma = scatter_m(evidence, nearest.distance)
-    limit = max(DEVIATION_SEEN * sigma, DEVIATION_UNSEEN * QUIET * evidence.spacing_m)
+    limit = DEVIATION_SEEN * (sigma + QUIET * evidence.spacing_m)
     return (*resolution(evidence), *rims(evidence), *coverage(evidence, UNMEASURED_SEEN, sigma), deviation(nearest.distance, limit))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,15 +15,19 @@ from scan2fea.kernel.quality import triangle_quality
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.options import option
 from scan2fea.remeshing.creases import Flattened, flattened
+from scan2fea.remeshing.exact import drawn, edge_of_drawn
 from scan2fea.remeshing.find import find_planes
-from scan2fea.remeshing.isotropic import RETRIES, Guide, closed, crease_guide, isotropic, opened, sharp_edges
+from scan2fea.remeshing.folds import unfolded
+from scan2fea.remeshing.isotropic import RETRIES, Guide, closed, crease_guide, free_form, isotropic, opened, sharp_edges
+from scan2fea.remeshing.needles import without_needles
 from scan2fea.remeshing.planes import Neighbours, scale_of
 from scan2fea.remeshing.relax import near_places, relaxed
-from scan2fea.remeshing.sizing import edge_goal
+from scan2fea.remeshing.sizing import CHORD, edge_goal
 from scan2fea.types import TriangleMesh, Value
 
 EDGE_SPACINGS = 2.0
 CREASE_DEG = 40.0
+DRAWN_NOISE = 1e-3  # of the spacing: with less noise the surface may have been drawn
 EXACT_SCAN = 0.01  # of the spacing: less noise than this leaves creases sharp
 DRIFT = 0.3  # spacings that one change of the triangles may move the surface
 RESTARTS = 3
@@ -65,18 +69,26 @@ def remesh(mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spac
     """
     require(surface_topology(mesh).is_clean, MeshingError, "remeshing needs a closed manifold surface: repair it first")
     require(not len(self_intersections(mesh)), MeshingError, "remeshing needs a surface whose faces do not cross: repair it first")
-    edge = options.edge_m if options.edge_m else EDGE_SPACINGS * spacing_m
-    found = _flat(mesh, options, spacing_m, sigma_m, edge)
+    found = drawn(mesh) if options.planes and sigma_m < DRAWN_NOISE * spacing_m else None
+    if found is not None:
+        edge = options.edge_m or edge_of_drawn(mesh, spacing_m)
+        finest, drift = edge / 4, CHORD * edge
+    else:
+        edge = options.edge_m or EDGE_SPACINGS * spacing_m
+        finest, drift = min(spacing_m, edge), max(sigma_m, DRIFT * spacing_m, 4 * CHORD * (options.edge_m or 0.0))
+        found = _flat(mesh, options, spacing_m, sigma_m, edge)
     flat, planes = found.mesh, found.planes
     crease_deg = CREASE_DEG if sigma_m < EXACT_SCAN * spacing_m else 180.0  # in noise every edge may be sharp
-    drift = max(sigma_m, DRIFT * spacing_m)
-    result, taken_back = _even(flat, planes, edge, min(spacing_m, edge), crease_deg, drift, options)
-    if abs(volume(result) / volume(flat) - 1) > VOLUME_DRIFT and options.rounds:
+    result, taken_back = _even(flat, planes, edge, finest, crease_deg, drift, options)
+    if abs(volume(result) / volume(flat) - 1) > VOLUME_DRIFT and options.rounds and not options.edge_m:
         # thin free-form walls were cut short: finer triangles that may stray less
-        finer, more = _even(flat, planes, FINER * edge, FINER * min(spacing_m, edge), crease_deg, FINER * drift, options)
+        finer, more = _even(flat, planes, FINER * edge, FINER * finest, crease_deg, FINER * drift, options)
         if abs(volume(finer) / volume(flat) - 1) < abs(volume(result) / volume(flat) - 1):
             result, taken_back = finer, taken_back + more
-    result = on_planes(result, planes)
+    result = unfolded(without_needles(on_planes(result, planes)))
+    if planes and len(self_intersections(result)):
+        # planes that cross each other in the noise: free form follows the surface without them
+        return remesh(mesh, replace(options, planes=False), spacing_m=spacing_m, sigma_m=sigma_m)
     moved = PointToMesh(result).nearest(mesh.vertices).distance
     return Remeshed(
         mesh=result,
@@ -100,7 +112,8 @@ def _even(
     for restart in range(RESTARTS):
         is_sharp = sharp_edges(surface, crease_deg)
         goal = edge_goal(surface, is_sharp, edge_m, finest_m, options.max_faces)
-        guide = Guide(surface=PointToMesh(surface), creases=crease_guide(surface, is_sharp), planes=dict(enumerate(planes)), drift_m=drift_m)
+        give = max(drift_m, CHORD * float(np.median(goal)))
+        guide = Guide(surface=free_form(surface), creases=crease_guide(surface, is_sharp), planes=dict(enumerate(planes)), drift_m=give)
         work, trouble = isotropic(opened(surface, is_sharp, goal), guide, options.rounds)
         mesh = closed(work)
         taken_back += len(trouble)

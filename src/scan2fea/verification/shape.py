@@ -22,9 +22,12 @@ def deviation_checks(found: Deviation, spacing_m: float, sigma_m: float, support
     )
 
 
-def drift_checks(volume_m3: float, first_volume_m3: float, thickness_m: float, first_thickness_m: float) -> tuple[Check, ...]:
-    """What repair, remeshing and meshing did to the volume and the median wall since the reconstruction."""
+def drift_checks(volume_m3: float, first_volume_m3: float, thicker: float) -> tuple[Check, ...]:
+    """What repair, remeshing and meshing did to the volume and the walls since the reconstruction.
+
+    thicker : median over places of the relative change of the wall's thickness there.
+    """
     return (
         at_most("shape.volume_drift", relative(volume_m3, first_volume_m3)),
-        at_most("shape.thickness_drift", relative(thickness_m, first_thickness_m)),
+        at_most("shape.thickness_drift", abs(thicker)),
     )

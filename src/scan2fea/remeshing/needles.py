@@ -1,0 +1,76 @@
+"""Edges far shorter than those around them, which only remain where planes and free form meet: taken out one by one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from scan2fea.kernel.measures import face_normals
+from scan2fea.kernel.predicates import self_intersections
+from scan2fea.kernel.topology import edge_table, surface_topology
+from scan2fea.types import IntArray, TriangleMesh
+
+SHORT = 0.15  # of the median edge
+MAX_TRIES = 60
+SAME_SIDE = 0.5  # cosine a face may turn by
+
+
+def without_needles(mesh: TriangleMesh) -> TriangleMesh:
+    """Short edges collapsed, shortest first, where one end lies on every plane the other lies on; planes stay exactly flat.
+
+    A collapse that would turn a face over, pinch the surface or make faces cross is left out.
+    """
+    if len(self_intersections(mesh)):
+        return mesh  # no step could prove itself harmless
+    best = mesh
+    refused: set[tuple[float, ...]] = set()
+    for _ in range(MAX_TRIES):
+        edge = _shortest(best, refused)
+        if edge is None:
+            break
+        made = _collapsed(best, *edge) or _collapsed(best, *edge[::-1])
+        if made is None:
+            refused.add(_name(best, edge))
+        else:
+            best = made
+    return best
+
+
+def _name(mesh: TriangleMesh, edge: tuple[int, int]) -> tuple[float, ...]:
+    """An edge by its place: its numbers change with every collapse."""
+    return tuple(mesh.vertices[list(edge)].ravel().tolist())
+
+
+def _shortest(mesh: TriangleMesh, refused: set[tuple[float, ...]]) -> tuple[int, int] | None:
+    edges = edge_table(mesh.faces).edges
+    length = np.linalg.norm(mesh.vertices[edges[:, 0]] - mesh.vertices[edges[:, 1]], axis=1)
+    for k in np.argsort(length, kind="stable"):
+        if length[k] >= SHORT * np.median(length):
+            return None
+        edge = (int(edges[k, 0]), int(edges[k, 1]))
+        if _name(mesh, edge) not in refused:
+            return edge
+    return None
+
+
+def _planes_at(mesh: TriangleMesh, vertex: int) -> set[int]:
+    if mesh.face_region is None:
+        return set()
+    return {int(r) for r in mesh.face_region[(mesh.faces == vertex).any(axis=1)] if r >= 0}
+
+
+def _collapsed(mesh: TriangleMesh, gone: int, stays: int) -> TriangleMesh | None:
+    """The mesh with vertex `gone` moved into `stays`, or None where that is not allowed."""
+    if not _planes_at(mesh, gone) <= _planes_at(mesh, stays):
+        return None
+    faces: IntArray = np.where(mesh.faces == gone, stays, mesh.faces)
+    kept = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    vertices = np.delete(mesh.vertices, gone, axis=0)
+    faces = faces - (faces > gone)
+    region = None if mesh.face_region is None else mesh.face_region[kept]
+    made = replace(mesh, vertices=vertices, faces=faces[kept], face_region=region, face_origin=None, deviation_m=None)
+    if not surface_topology(made).is_clean:
+        return None
+    turned = np.einsum("ij,ij->i", face_normals(made), face_normals(mesh)[kept])
+    return made if turned.min() > SAME_SIDE and not len(self_intersections(made)) else None

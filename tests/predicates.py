@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from scan2fea.kernel.distances import distance_to_mesh, sample_surface
@@ -54,7 +56,7 @@ def moved(mesh, R, shift):
 def merged(corners, tolerance=1e-9):
     """Mesh of (m, 3, 3) corners whose equal vertices are one."""
     flat = corners.reshape(-1, 3)
-    keys, first, inverse = np.unique(np.round(flat / tolerance).astype(np.int64), axis=0, return_index=True, return_inverse=True)
+    _, first, inverse = np.unique(np.round(flat / tolerance).astype(np.int64), axis=0, return_index=True, return_inverse=True)
     return TriangleMesh(vertices=flat[first], faces=inverse.reshape(-1, 3).astype(np.int64))
 
 
@@ -68,12 +70,12 @@ def _grid_polygon(loop, pitch):
     cuts = []
     for axis in range(2):
         at = np.unique(np.round(loop[:, axis], 12))
-        parts = [np.linspace(a, b, max(1, round((b - a) / pitch)) + 1)[:-1] if pitch else [a] for a, b in zip(at[:-1], at[1:], strict=True)]
+        parts = [np.linspace(a, b, max(1, round((b - a) / pitch)) + 1)[:-1] if pitch else [a] for a, b in itertools.pairwise(at)]
         cuts.append(np.concatenate([*parts, at[-1:]]))
     xs, ys = cuts
     out = []
-    for x0, x1 in zip(xs[:-1], xs[1:], strict=True):
-        for y0, y1 in zip(ys[:-1], ys[1:], strict=True):
+    for x0, x1 in itertools.pairwise(xs):
+        for y0, y1 in itertools.pairwise(ys):
             x, y = (x0 + x1) / 2, (y0 + y1) / 2
             (ax, ay), (bx, by) = loop.T, np.roll(loop, -1, axis=0).T
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -96,8 +98,8 @@ def extruded(loop, length, pitch=None):
         line = np.repeat(p[None], len(at), axis=0)
         line[:, axis] = at
         line = line if q[axis] > p[axis] else line[::-1]
-        for a, b in zip(line[:-1], line[1:], strict=True):
-            for z0, z1 in zip(zs[:-1], zs[1:], strict=True):
+        for a, b in itertools.pairwise(line):
+            for z0, z1 in itertools.pairwise(zs):
                 corner = [[*a, z0], [*b, z0], [*b, z1], [*a, z1]]
                 tri.append(np.array([[corner[0], corner[1], corner[2]], [corner[0], corner[2], corner[3]]]))
     return merged(np.concatenate(tri))
@@ -108,16 +110,23 @@ def l_beam(a=0.127, b=0.127, t=0.00635, length=0.5, pitch=None):
     return extruded(np.array([[0, 0], [a, 0], [a, t], [t, t], [t, b], [0, b]], float), length, pitch)
 
 
+def quartered(tri):
+    """Each of (m, 3, 3) triangles cut into four at the middles of its edges."""
+    m = (tri + np.roll(tri, -1, axis=1)) / 2
+    corners = [np.stack([tri[:, k], m[:, k], m[:, k - 1]], axis=1) for k in range(3)]
+    return np.concatenate([*corners, m])
+
+
 def sphere(radius=1.0, rounds=3):
     """An icosahedron, each face cut into four `rounds` times, on the sphere."""
     g = (1 + 5**0.5) / 2
-    v = np.array([[-1, g, 0], [1, g, 0], [-1, -g, 0], [1, -g, 0], [0, -1, g], [0, 1, g], [0, -1, -g], [0, 1, -g], [g, 0, -1], [g, 0, 1], [-g, 0, -1], [-g, 0, 1]])
+    v = np.array([[-1, g, 0], [1, g, 0], [-1, -g, 0], [1, -g, 0], [0, -1, g], [0, 1, g],
+                  [0, -1, -g], [0, 1, -g], [g, 0, -1], [g, 0, 1], [-g, 0, -1], [-g, 0, 1]])  # fmt: skip
     f = np.array([[0, 11, 5], [0, 5, 1], [0, 1, 7], [0, 7, 10], [0, 10, 11], [1, 5, 9], [5, 11, 4], [11, 10, 2], [10, 7, 6], [7, 1, 8],
                   [3, 9, 4], [3, 4, 2], [3, 2, 6], [3, 6, 8], [3, 8, 9], [4, 9, 5], [2, 4, 11], [6, 2, 10], [8, 6, 7], [9, 8, 1]])  # fmt: skip
     tri = v[f]
     for _ in range(rounds):
-        m = (tri + np.roll(tri, -1, axis=1)) / 2
-        tri = np.concatenate([np.stack([tri[:, 0], m[:, 0], m[:, 2]], 1), np.stack([tri[:, 1], m[:, 1], m[:, 0]], 1), np.stack([tri[:, 2], m[:, 2], m[:, 1]], 1), m])
+        tri = quartered(tri)
         tri /= np.linalg.norm(tri, axis=2, keepdims=True)
     return merged(radius * tri / np.linalg.norm(tri, axis=2, keepdims=True))
 
@@ -137,6 +146,5 @@ def subdivided(mesh, rounds=1):
     """Each face cut into four flat ones."""
     tri = mesh.vertices[mesh.faces]
     for _ in range(rounds):
-        m = (tri + np.roll(tri, -1, axis=1)) / 2
-        tri = np.concatenate([np.stack([tri[:, 0], m[:, 0], m[:, 2]], 1), np.stack([tri[:, 1], m[:, 1], m[:, 0]], 1), np.stack([tri[:, 2], m[:, 2], m[:, 1]], 1), m])
+        tri = quartered(tri)
     return merged(tri)

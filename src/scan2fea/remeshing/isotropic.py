@@ -48,12 +48,13 @@ class Work:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Guide:
-    """What the result has to follow. surface : nearest points for free form.   creases : the same for creases, None without.
+    """What the result has to follow.
 
+    surface : nearest points of the free form alone: beyond its rim lies a plane that it must not slide onto.   creases : the same for creases.
     planes : region number -> plane.   drift_m : how far one change may move the surface.
     """
 
-    surface: PointToMesh
+    surface: PointToMesh | None
     creases: PointToMesh | None
     planes: dict[int, Plane]
     drift_m: float
@@ -193,7 +194,7 @@ def _free_targets(work: Work, guide: Guide) -> tuple[IntArray, FloatArray]:
         rows = np.flatnonzero(free & (region == number))
         wanted[rows] = plane.projected(wanted[rows])
     rows = np.flatnonzero(free & (region < 0))
-    if len(rows):
+    if len(rows) and guide.surface is not None:
         nearest = guide.surface.nearest(wanted[rows])
         agree = np.einsum("ij,ij->i", face_normals(guide.surface.mesh)[nearest.face], normal[rows]) > 0.2  # not the far side of a thin wall
         wanted[rows] = np.where(agree[:, None], nearest.closest, work.points[rows])
@@ -312,6 +313,12 @@ def sharp_edges(mesh: TriangleMesh, angle_deg: float) -> BoolArray:
     sharp = np.zeros(len(table.edges), bool)
     sharp[table.edge_of[half[border | (turned & free)]]] = True
     return sharp
+
+
+def free_form(mesh: TriangleMesh) -> PointToMesh | None:
+    """Nearest points on the faces that lie on no plane; None without."""
+    faces = mesh.faces if mesh.face_region is None else mesh.faces[mesh.face_region < 0]
+    return PointToMesh(TriangleMesh(vertices=mesh.vertices, faces=faces)) if len(faces) else None
 
 
 def crease_guide(mesh: TriangleMesh, is_sharp: BoolArray) -> PointToMesh | None:

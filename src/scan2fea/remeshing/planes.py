@@ -19,6 +19,7 @@ SAG = 3.5  # residuals: a region whose best quadric bends by more is curved (one
 BEND, BEND_ENDED = 0.05, 1.2  # radians that normals may turn across a plane, and more where creases end it: narrow planes are rounded throughout
 ERODED = 2  # rings of faces inside the border that are left out of it
 BEYOND = 4  # rings of faces past the border where the surface must have turned away
+GOES_ON = 1.5  # times the turn that the bend inside explains must be seen beyond the border
 ENDS = 0.75  # share of the border where it has; the rest may run into a fillet
 MAX_FAILURES = 400  # seeds in a row without a plane: what is left is curved
 ISLAND_AREA = 12.0  # square spacings: larger pieces of free form are features
@@ -155,8 +156,8 @@ def _fits(mesh: TriangleMesh, smooth: FloatArray, rows: IntArray, plane: Plane, 
     return np.asarray(near.all(1) & (smooth[rows] @ plane.normal > GROW_COSINE))
 
 
-def _turned(neighbours: Neighbours, rows: IntArray, plane: Plane) -> float:
-    """Share of the area three faces beyond the border that looks elsewhere: a plane ends at creases, a piece of a curved surface goes on."""
+def _turned(neighbours: Neighbours, rows: IntArray, plane: Plane, least_rad: float) -> float:
+    """Share of the area a few faces beyond the border that has turned by `least_rad`: a plane ends at creases, a curved surface goes on."""
     inside = np.zeros(len(neighbours.areas), bool)
     inside[rows] = True
     front = rows
@@ -166,7 +167,7 @@ def _turned(neighbours: Neighbours, rows: IntArray, plane: Plane) -> float:
     if not len(front):
         return 1.0
     area = neighbours.areas[front]
-    return float(area[neighbours.normals[front] @ plane.normal < GROW_COSINE].sum() / area.sum())
+    return float(area[neighbours.normals[front] @ plane.normal < np.cos(least_rad)].sum() / area.sum())
 
 
 def _inner_vertices(mesh: TriangleMesh, rows: IntArray) -> IntArray:
@@ -187,8 +188,8 @@ def _sag(points: FloatArray, plane: Plane) -> float:
     return float(high - low)
 
 
-def _bend(mesh: TriangleMesh, neighbours: Neighbours, smooth: FloatArray, rows: IntArray, plane: Plane) -> float:
-    """How far the normals turn from one end of a region to the other, radians, along the direction in which they turn most.
+def _bend(mesh: TriangleMesh, neighbours: Neighbours, smooth: FloatArray, rows: IntArray, plane: Plane) -> tuple[float, float]:
+    """How far the normals turn from one end of a region to the other, radians, along the direction in which they turn most; and its width, metres.
 
     Read away from the border where the region is wide enough: creases are rounded and would turn the normals there.
     """
@@ -206,7 +207,17 @@ def _bend(mesh: TriangleMesh, neighbours: Neighbours, smooth: FloatArray, rows: 
     place = place - np.average(place, axis=0, weights=root[:, 0] ** 2)
     slope = np.linalg.lstsq(place * root, (tilt - tilt.mean(0)) * root, rcond=None)[0]
     values, vectors = np.linalg.eigh((slope + slope.T) / 2)
-    return float((np.abs(values) * np.ptp(whole @ vectors, axis=0)).max())
+    width = np.ptp(whole @ vectors, axis=0)
+    most = int((np.abs(values) * width).argmax())
+    return float(abs(values[most]) * width[most]), float(width[most])
+
+
+def _ends_at_creases(mesh: TriangleMesh, neighbours: Neighbours, smooth: FloatArray, rows: IntArray, plane: Plane, scale: Scale) -> bool:
+    """Is the region flat inside and turned away from outside, by more than a surface that goes on bending as it does inside?"""
+    bend, width = _bend(mesh, neighbours, smooth, rows, plane)
+    goes_on = bend / max(width, 1e-300) * (width / 2 + BEYOND * 0.8 * scale.spacing_m)
+    ended = _turned(neighbours, rows, plane, max(float(np.arccos(GROW_COSINE)), GOES_ON * goes_on))
+    return bend <= BEND + BEND_ENDED * (ended - ENDS)
 
 
 def grow_planes(mesh: TriangleMesh, neighbours: Neighbours, scale: Scale) -> Labelled:
@@ -234,7 +245,7 @@ def grow_planes(mesh: TriangleMesh, neighbours: Neighbours, scale: Scale) -> Lab
         sag = _sag(mesh.vertices[np.unique(mesh.faces[rows])], plane)
         if sag > SAG * scale.residual_m + 0.01 * scale.spacing_m:
             continue
-        if _bend(mesh, neighbours, smooth, rows, plane) > BEND + BEND_ENDED * (_turned(neighbours, rows, plane) - ENDS):
+        if not _ends_at_creases(mesh, neighbours, smooth, rows, plane, scale):
             continue
         failures = 0
         plane = fit_plane(mesh.vertices[inner], towards=plane.normal)

@@ -131,6 +131,19 @@ def oriented(mesh: TriangleMesh) -> TriangleMesh:
     return replace(mesh, faces=faces)
 
 
+def without_fins(mesh: TriangleMesh) -> TriangleMesh:
+    """Sheets with an open border that hang on crowded edges of something without one taken off."""
+    table = edge_table(mesh.faces)
+    if not (table.count > 2).any():
+        return mesh
+    n, part = face_components(mesh.faces, table.count == 2)
+    is_open = np.zeros(n, bool)
+    is_open[part[np.flatnonzero(table.count[table.edge_of] == 1) // 3]] = True
+    if is_open.all() or not is_open.any():
+        return mesh
+    return taken(mesh, ~is_open[part])
+
+
 def split_fans(mesh: TriangleMesh) -> TriangleMesh:
     """Edges of more than two faces and pinched vertices cut open: every fan of faces gets a vertex of its own."""
     table = edge_table(mesh.faces)

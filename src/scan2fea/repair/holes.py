@@ -14,6 +14,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
 
 DENSE_LOOP = 160  # corners up to which the least area is searched for; the rest of a longer loop is cut off by ears first
 REFINED = 1.5  # of the mean edge of the loop: longer edges of the fill are halved
+FLAT = 1e-6  # of the squares of its edges: a smaller area is none
 MOST_NEW = 20_000  # vertices put into one hole at most
 
 
@@ -54,7 +55,10 @@ def _least_area(p: FloatArray, forbidden: BoolArray) -> tuple[IntArray, float]:
                 ux, uy, uz = p[j, 0] - p[i, 0], p[j, 1] - p[i, 1], p[j, 2] - p[i, 2]
                 vx, vy, vz = p[k, 0] - p[i, 0], p[k, 1] - p[i, 1], p[k, 2] - p[i, 2]
                 x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-                total = below + 0.5 * np.sqrt(x * x + y * y + z * z)
+                doubled = np.sqrt(x * x + y * y + z * z)
+                if doubled <= FLAT * (ux * ux + uy * uy + uz * uz + vx * vx + vy * vy + vz * vz):
+                    continue  # three corners on a line: a face without area
+                total = below + 0.5 * doubled
                 if total < cost[i, k]:
                     cost[i, k] = total
                     cut[i, k] = j

@@ -12,7 +12,17 @@ from scan2fea.kernel.measures import area, volume
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.topology import face_components, surface_topology
 from scan2fea.options import option
-from scan2fea.repair.clean import merged_vertices, oriented, parted, split_fans, taken, without_duplicates, without_flat_faces, without_unused
+from scan2fea.repair.clean import (
+    merged_vertices,
+    oriented,
+    parted,
+    split_fans,
+    taken,
+    without_duplicates,
+    without_fins,
+    without_flat_faces,
+    without_unused,
+)
 from scan2fea.repair.holes import filled, without_faces
 from scan2fea.types import TriangleMesh, Value
 
@@ -52,6 +62,7 @@ CLEANING: tuple[tuple[str, Callable[[TriangleMesh], TriangleMesh]], ...] = (
     ("merged equal vertices", merged_vertices),
     ("dropped repeated faces", without_duplicates),
     ("dropped flat faces", without_flat_faces),
+    ("took fins off", without_fins),
     ("cut crowded edges and pinched vertices open", split_fans),
     ("turned faces to agree", oriented),
     ("cut edges open that two faces pass in one direction", split_fans),

@@ -24,6 +24,7 @@ ROUNDS = 6
 POLISHES = 3
 POOR = 0.4  # shape, about 20 degrees, under which a face is worked on to the end
 FLAT_ROUNDS = 3
+PUT_BACK = 4  # times that moved vertices whose faces cross are put back
 RETRIES = 4  # of a round that made faces cross, each with more of the surface held
 TURN = 0.5  # a face may turn by 60 degrees in one change
 FLOOR = 0.35  # a vertex is not moved where a face falls under this shape, unless it was worse
@@ -203,10 +204,21 @@ def _free_targets(work: Work, guide: Guide) -> tuple[IntArray, FloatArray]:
 
 
 def _smooth(work: Work, guide: Guide, turn: float, times: int) -> None:
+    """Vertices moved to where faces are even, `times` times; those whose faces then cross are put back, with more around them each time."""
+    before = work.points.copy()
     for _ in range(times):
         for which, wanted in (_crease_targets(work, guide), _free_targets(work, guide)):
             if len(which):
                 move_vertices(which, wanted, work.origin, work.twin, work.out, work.points, turn, FLOOR)
+    faces = work.origin.reshape(-1, 3)
+    back = np.zeros(len(work.points), bool)
+    for _ in range(PUT_BACK if not work.flat_only else 0):
+        pairs = self_intersections(TriangleMesh(vertices=work.points, faces=faces))
+        if not len(pairs):
+            break
+        back[faces[np.unique(pairs)]] = True
+        work.points[back] = before[back]
+        back[faces[back[faces].any(1)]] = True
 
 
 def _round(work: Work, guide: Guide) -> Work:

@@ -18,14 +18,14 @@ TEXT = (Path(__file__).parents[1] / "CONTRIBUTING.md").read_text(encoding="utf-8
 def example():
     code = re.search(r"```python\n(.*?)```", TEXT, re.S)
     module = types.ModuleType("layers")
-    exec(compile(code.group(1), "CONTRIBUTING.md", "exec"), module.__dict__)  # noqa: S102
+    exec(compile(code.group(1), "CONTRIBUTING.md", "exec"), module.__dict__)
     return module.layers
 
 
 def two_layers():
     rng = np.random.default_rng(1)
     low = np.c_[rng.random((400, 2)), 0.01 * rng.random(400)]
-    return PointCloud.of(np.r_[low, low + [0, 0, 1.0]][rng.permutation(800)])
+    return PointCloud.of(np.r_[low, low + np.array([0, 0, 1.0])][rng.permutation(800)])
 
 
 def test_example_separates_layers(example):

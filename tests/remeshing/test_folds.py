@@ -5,7 +5,7 @@ from scan2fea.kernel.folds import interior_angles
 from scan2fea.kernel.measures import face_normals, volume
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.topology import surface_topology
-from scan2fea.remeshing.folds import folded_faces, unfolded
+from scan2fea.remeshing.folds import folded_faces, meshable, unfolded
 from scan2fea.remeshing.needles import without_needles
 from scan2fea.simulation.shapes import box
 from scan2fea.types import TriangleMesh
@@ -59,6 +59,7 @@ def test_spike_is_drawn_in_and_the_rest_stays():
 
 def test_clean_surface_is_untouched():
     mesh = box(1.0, 1.0, 1.0)
+    assert meshable(mesh) is mesh
     assert unfolded(mesh) is mesh
     assert without_needles(mesh) is mesh
 

@@ -14,6 +14,7 @@ from scan2fea.types import IntArray, TriangleMesh
 SHORT = 0.15  # of the median edge
 MAX_TRIES = 60
 SAME_SIDE = 0.5  # cosine a face may turn by
+CRUMB = 0.4  # of the median size of a face
 
 
 def without_needles(mesh: TriangleMesh) -> TriangleMesh:
@@ -73,4 +74,7 @@ def _collapsed(mesh: TriangleMesh, gone: int, stays: int) -> TriangleMesh | None
     if not surface_topology(made).is_clean:
         return None
     turned = np.einsum("ij,ij->i", face_normals(made), face_normals(mesh)[kept])
-    return made if turned.min() > SAME_SIDE and not len(self_intersections(made)) else None
+    corners = mesh.vertices[mesh.faces]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    whole = longest[kept] > CRUMB * np.median(longest)  # crumbs of a tangle may turn as they like
+    return made if turned[whole].min(initial=1.0) > SAME_SIDE and not len(self_intersections(made)) else None

@@ -17,9 +17,8 @@ from scan2fea.options import option
 from scan2fea.remeshing.creases import Flattened, flattened
 from scan2fea.remeshing.exact import drawn, edge_of_drawn
 from scan2fea.remeshing.find import find_planes
-from scan2fea.remeshing.folds import unfolded
+from scan2fea.remeshing.folds import meshable
 from scan2fea.remeshing.isotropic import RETRIES, Guide, closed, crease_guide, free_form, isotropic, opened, sharp_edges
-from scan2fea.remeshing.needles import without_needles
 from scan2fea.remeshing.planes import Neighbours, scale_of
 from scan2fea.remeshing.relax import near_places, relaxed
 from scan2fea.remeshing.sizing import CHORD, edge_goal
@@ -85,7 +84,7 @@ def remesh(mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spac
         finer, more = _even(flat, planes, FINER * edge, FINER * finest, crease_deg, FINER * drift, options)
         if abs(volume(finer) / volume(flat) - 1) < abs(volume(result) / volume(flat) - 1):
             result, taken_back = finer, taken_back + more
-    result = unfolded(without_needles(on_planes(result, planes)))
+    result = meshable(on_planes(result, planes))
     if planes and len(self_intersections(result)):
         # planes that cross each other in the noise: free form follows the surface without them
         return remesh(mesh, replace(options, planes=False), spacing_m=spacing_m, sigma_m=sigma_m)

@@ -1,6 +1,6 @@
 # `make demo` and `make test` work on a bare Debian or Ubuntu with Python 3.11-3.13 and make; see README.md.
 # PYTHON picks the interpreter; the environment lives in .venv.
-PYTHON ?= $(shell command -v python3.12 || command -v python3.11 || command -v python3.13 || command -v python3)
+PYTHON ?= $(shell for p in python3 python3.12 python3.11 python3.13; do $$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && { echo $$p; break; }; done)
 VENV := .venv
 RUN := $(VENV)/bin/python
 
@@ -25,7 +25,8 @@ setup: $(VENV)/.installed
 setup-dev: $(VENV)/.installed-dev
 
 $(VENV)/.installed: pyproject.toml requirements.lock system.sh
-	sh ./system.sh run
+	@[ -n "$(PYTHON)" ] || { echo "no Python 3.11, 3.12 or 3.13 found: install one, or name it: make PYTHON=/path/to/python3.12" >&2; exit 1; }
+	PYTHON=$(PYTHON) sh ./system.sh run
 	$(PYTHON) -m venv $(VENV)
 	$(RUN) -m pip install --quiet -r requirements.lock
 	$(RUN) -m pip install --quiet --no-deps -e .

@@ -16,7 +16,7 @@ run)
     have libXinerama.so.1 || need="$need libxinerama1"
     have libXfixes.so.3 || need="$need libxfixes3"
     have libgomp.so.1 || need="$need libgomp1"
-    python3 -c "import ensurepip" 2>/dev/null || need="$need python3-venv"
+    "${PYTHON:-python3}" -c "import ensurepip" 2>/dev/null || need="$need python3-venv"
     ;;
 test)
     command -v ccx >/dev/null 2>&1 || need="$need calculix-ccx"

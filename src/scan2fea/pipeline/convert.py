@@ -130,7 +130,7 @@ def _verify_geometry(made: Made) -> None:
     else:  # faces were given: the surface is what was measured, wherever its vertices lie
         origin, supported = np.full(len(surface.faces), MEASURED), 0.0
         found = replace(found, measured_area_fraction=1.0)
-    made.deviation = found
+    made.deviation, made.supported_share = found, supported
     made.surface = replace(surface, face_origin=origin, deviation_m=found.per_vertex_m)
     made.checks += deviation_checks(found, made.spacing_m, made.sigma_m, supported)
     first = 0 if made.part.mesh is None else 1  # a file with faces may enter open: count from its repair

@@ -36,6 +36,7 @@ class Made:
     model: FEModel | None = None
     result: FEResult | None = None
     checks: list[Check] = field(default_factory=list)
+    supported_share: float = 0.0  # of the area: not seen, but resting on a plane that was
     drift: list[dict[str, Any]] = field(default_factory=list)
     places: FloatArray | None = None  # where the thickness is followed through the steps
     thickness: list[FloatArray] = field(default_factory=list)  # one per step of the drift ledger

@@ -159,6 +159,9 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
     row["checks"] = [check_row(check) for check in made.checks]
     row["files"] = list(files)
     row["verdict"], row["reason"] = found.name, found.reason
+    if found.name == "converted" and made.supported_share > 0:
+        row["supported_share"] = made.supported_share
+        row["reason"] += f"; {made.supported_share:.0%} of the surface was not seen: it rests on a plane that was"
     return dict(finite_tree({key: value for key, value in row.items() if value is not None}))
 
 

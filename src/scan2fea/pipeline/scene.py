@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from scan2fea.errors import EmptyScanError, require
 from scan2fea.filtering import FilteringOptions, clean_up
 from scan2fea.io import RawScan
 from scan2fea.kernel.noise import spacing
@@ -18,6 +19,7 @@ from scan2fea.types import FloatArray, PointCloud, Scan, Segments, Trajectory, T
 
 FAR_M = 10_000.0  # coordinates beyond this are shifted: float32 formats would lose millimetres
 SHIFT_STEP_M = 1_000.0
+ON_A_LINE = 1e-7  # of the length: what rounding leaves across a line
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -40,6 +42,15 @@ class Scene(Value):
     notes: tuple[str, ...]
 
 
+def require_extent(points: FloatArray) -> None:
+    """Raises EmptyScanError where points (n, 3) are one place or lie on one line: no surface can be made of them."""
+    n = len(points)
+    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(points.T)), 0.0)) if n > 1 else np.zeros(3)
+    require(spread[2] > 0, EmptyScanError, f"the scan holds {n} point{'s' if n > 1 else ''} at one place: a surface needs points that spread; export it again")
+    flat = f"all {n} points of the scan lie on one line: a surface needs points across it; check the columns and the unit"
+    require(spread[1] > ON_A_LINE * spread[2], EmptyScanError, flat)
+
+
 def place_all(raws: tuple[RawScan, ...], options: RegistrationOptions, *, names: Sequence[str]) -> Scene:
     """The inputs where their files or `registration.poses` put them, and the whole scene near the origin.
 
@@ -55,6 +66,7 @@ def place_all(raws: tuple[RawScan, ...], options: RegistrationOptions, *, names:
             meshes.append(MeshInput(frame=frame, mesh=replace(raw.mesh, vertices=own - shift)))
     notes = tuple(f"{name}: {note}" for name, raw in zip(names, raws, strict=True) for note in raw.notes) + placed.notes
     scan = shifted(placed.scan, shift)
+    require_extent(scan.cloud.points)
     return Scene(scan=scan, meshes=tuple(meshes), trajectory=placed.trajectory, shift_m=shift, spacing_m=spacing(scan.cloud.points), notes=notes)
 
 

@@ -46,7 +46,7 @@ def require_extent(points: FloatArray) -> None:
     """Raises EmptyScanError where points (n, 3) are one place or lie on one line: no surface can be made of them."""
     n = len(points)
     spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(points.T)), 0.0)) if n > 1 else np.zeros(3)
-    require(spread[2] > 0, EmptyScanError, f"the scan holds {n} point{'s' if n > 1 else ''} at one place: a surface needs points that spread; export it again")
+    require(spread[2] > 0, EmptyScanError, f"the {n} points of the scan are at one place: a surface needs points that spread; export it again")
     flat = f"all {n} points of the scan lie on one line: a surface needs points across it; check the columns and the unit"
     require(spread[1] > ON_A_LINE * spread[2], EmptyScanError, flat)
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from scan2fea.cad import to_brep
-from scan2fea.errors import InternalError, Scan2FeaError
+from scan2fea.errors import InternalError, Scan2FeaError, StageError
 from scan2fea.fea import build_model, solve
 from scan2fea.io.artifacts import save
 from scan2fea.kernel.boundary import boundary_surface
@@ -28,13 +28,16 @@ from scan2fea.pipeline.part import Made, Part
 from scan2fea.pipeline.record import Record, Tracked
 from scan2fea.pipeline.results import object_row
 from scan2fea.reconstruction import reconstruct
-from scan2fea.remeshing import remesh
+from scan2fea.remeshing import eased, remesh, worst_dihedral
 from scan2fea.repair import repair
-from scan2fea.tetmeshing import fill
+from scan2fea.tetmeshing import Filled, fill
 from scan2fea.types import MEASURED, IntArray, TriangleMesh
+from scan2fea.verification.limits import limits
 from scan2fea.verification.mesh import brep_checks, surface_checks, tet_checks
 from scan2fea.verification.response import response_checks
 from scan2fea.verification.shape import deviation_checks, drift_checks
+
+EASINGS = 3  # times the surface is eased under tets that are too flat
 
 
 def convert(part: Part, key: str, config: Config, record: Record, folder: Path) -> dict[str, Any]:
@@ -67,11 +70,7 @@ def _chain(made: Made, source: Tracked[Part], config: Config, record: Record) ->
     _moved(made, "remesh", remeshed.value.mesh)
     surface = Tracked(remeshed.value.mesh, remeshed.key)
 
-    brep = record("solid", to_brep, surface, options=config.cad, n_in=len(surface.value.faces), count=lambda b: len(b.face_names))
-    made.brep = brep.value
-    filled = record("tets", fill, surface, brep, options=config.tetmeshing, n_in=len(surface.value.faces), count=lambda f: len(f.tets.tets))
-    made.tets = filled.value.tets
-    made.how.update(filled.value.how)
+    filled = _solid_and_tets(made, surface, config, record)
     _moved(made, "tets", boundary_surface(filled.value.tets))
     _verify_geometry(made)
     if any(not check.passed for check in made.checks):
@@ -83,6 +82,31 @@ def _chain(made: Made, source: Tracked[Part], config: Config, record: Record) ->
     solved = record("solve", solve, model, options=config.fea, n_in=len(tets.value.tets), count=lambda r: r.n_dof)
     made.result = solved.value
     made.checks += response_checks(model.value, solved.value)
+
+
+def _solid_and_tets(made: Made, surface: Tracked[TriangleMesh], config: Config, record: Record) -> Tracked[Filled]:
+    """The B-Rep and the tets inside it. Where these come out too flat the surface is eased there and both are made again; the best stays."""
+    best: Tracked[Filled] | None = None
+    limit = float(limits()["tets.min_dihedral"]["limit"])
+    for attempt in range(EASINGS + 1):
+        try:
+            brep = record("solid", to_brep, surface, options=config.cad, n_in=len(surface.value.faces), count=lambda b: len(b.face_names))
+            filled = record("tets", fill, surface, brep, options=config.tetmeshing, n_in=len(surface.value.faces), count=lambda f: len(f.tets.tets))
+        except StageError:
+            if best is None:
+                raise
+            break
+        if best is None or worst_dihedral(filled.value.tets) > worst_dihedral(best.value.tets):
+            best, made.brep = filled, brep.value
+        if worst_dihedral(best.value.tets) > limit or attempt == EASINGS:
+            break
+        tets = Tracked(filled.value.tets, filled.key)
+        surface = record("ease", eased, surface, tets, extra={"attempt": attempt}, n_in=len(tets.value.tets), count=lambda m: len(m.faces))
+    if best is None:
+        raise InternalError("no attempt at the tets ended")
+    made.tets = best.value.tets
+    made.how.update(best.value.how)
+    return best
 
 
 def _shape(made: Made, source: Tracked[Part], config: Config, record: Record) -> Tracked[TriangleMesh]:

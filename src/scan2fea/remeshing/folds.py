@@ -45,7 +45,7 @@ def unfolded(mesh: TriangleMesh) -> TriangleMesh:
     """
     best, bad = mesh, folded_faces(mesh)
     for give_up in range(GIVE_UPS + 1):
-        loose = best if not give_up else _free_round(best, bad, give_up)
+        loose = best if not give_up else free_round(best, bad, give_up)
         for attempt in range(ROUNDS):
             if not len(bad):
                 return best
@@ -56,7 +56,7 @@ def unfolded(mesh: TriangleMesh) -> TriangleMesh:
     return best
 
 
-def _free_round(mesh: TriangleMesh, faces: IntArray, rings: int) -> TriangleMesh:
+def free_round(mesh: TriangleMesh, faces: IntArray, rings: int) -> TriangleMesh:
     """The mesh with the faces within `rings` of the given ones taken out of their planes; pieces of a plane are numbered anew."""
     if mesh.face_region is None:
         return mesh

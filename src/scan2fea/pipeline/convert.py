@@ -37,7 +37,7 @@ from scan2fea.verification.mesh import brep_checks, surface_checks, tet_checks
 from scan2fea.verification.response import response_checks
 from scan2fea.verification.shape import deviation_checks, drift_checks
 
-EASINGS = 3  # times the surface is eased under tets that are too flat
+EASINGS = 5  # times the surface is eased under tets that are too flat
 
 
 def convert(part: Part, key: str, config: Config, record: Record, folder: Path) -> dict[str, Any]:

@@ -16,8 +16,8 @@ from scan2fea.types import Check, FloatArray, TriangleMesh
 
 NOISE_OVER_WALL = 0.35  # above, the two faces of a wall mix: volume and thickness go wrong
 SPACING_OVER_WALL = 1.1
-RIM_NOISE = 0.10  # of the volume: as far as any figure may be off with noise
-RIM_SPACING = 0.05  # of the volume: likewise without
+RIM_NOISE = 0.05  # of the volume that noise adds at rims, foretold: a simulated scan foretold 7.6 % was 8.9 % off
+RIM_SPACING = 0.05  # of the volume that the spacing cuts off at rims
 RIM_LOSS = 0.28  # h^2 per unit of mean curvature: what a surface through random points cuts off a square edge (0.22 h^2 per length)
 REACH_SPACINGS, REACH_SIGMAS = 3.0, 3.0  # a place with no measured point of its own side nearer than this is not measured
 INFERRED = 0.55  # of the area: the hidden face of a plate that lies on a table is a little less than half

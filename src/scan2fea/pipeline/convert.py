@@ -119,7 +119,6 @@ def _shape(made: Made, source: Tracked[Part], config: Config, record: Record) ->
     scan = Tracked(part.scan, source.key)
     found = record("reconstruct", reconstruct, scan, options=config.reconstruction, n_in=len(part.scan.cloud), count=lambda r: len(r.mesh.faces))
     made.spacing_m, made.sigma_m, made.sensor = found.value.spacing_m, found.value.sigma_m, found.value.sensor
-    made.normals = found.value.normals
     made.how.update(found.value.how)
     made.checks += found.value.checks
     _moved(made, "reconstruct", found.value.mesh)

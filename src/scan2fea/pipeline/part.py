@@ -25,7 +25,6 @@ class Made:
 
     part: Part
     surface: TriangleMesh | None = None  # the latest surface; in the end the boundary of the tets
-    normals: Any = None
     spacing_m: float = 0.0
     sigma_m: float = 0.0
     sensor: str = "unknown"

@@ -38,7 +38,17 @@ VALUES = [
         step="ISO-10303-21;\n", face_names=("a",), face_kinds=("plane",), region_of_face=np.array([0]), facet_of_face=np.array([-1]), volume_m3=1 / 3,
         area_m2=float("nan"), is_valid=True, n_solids=1, n_free_edges=0,
     ),
-    types.Section(family="L", loops=(np.eye(2), np.zeros((0, 2)))),
+    types.Section(family="L", loops=(np.eye(2), np.zeros((0, 2))), face_names=(("a", "b"), ())),
+    types.Parameter(name="t", value_m=0.006, std_m=None, observable=False, source="catalogue"),
+    types.CatalogueEntry(name="L5x5", probability=0.5, parameters={"t": 0.006}),
+    types.Damage(kind="dent", position_m=np.zeros(3), size_m=0.1, depth_m=0.01, std_m=0.001, p_value=1e-6),
+    types.Member(
+        family="L", T_world_member=np.eye(4),
+        parameters=(types.Parameter(name="t", value_m=0.006, std_m=1e-4, observable=True, source="fitted"),),
+        bow=np.zeros((2, 1)), twist=np.zeros(0), end_normals=np.eye(3)[[0, 2]], covariance=np.eye(1), sigma_m=0.001, noise="gaussian",
+        outlier_share=0.0,
+        seen={"A_OUTER": 1.0}, families={"L": 1.0},
+    ),
     STEEL,
     types.FEModel(mesh=TETS, material=STEEL, node_sets={"base": np.array([0, 1])}, support="base", acceleration_m_s2=np.array([0, 0, -9.81])),
     types.FEResult(

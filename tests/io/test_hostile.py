@@ -12,6 +12,7 @@ import pytest
 from scan2fea.errors import EmptyScanError, FormatError, InputError
 from scan2fea.io import read_scan
 from scan2fea.io.formats import BY_SUFFIX
+from scan2fea.io.velodyne import write_velodyne
 
 HUGE = 10**12
 
@@ -259,6 +260,8 @@ def sound_files(folder):
     file.write(folder / "a.laz")
     with pye57.E57(str(folder / "a.e57"), "w") as e57:
         e57.write_scan_raw({f"cartesian{axis}": points[:, k].copy() for k, axis in enumerate("XYZ")})
+    turn = 46.08e-6 * np.arange(30)
+    write_velodyne(folder / "a.pcap", turn, 360 * 20 * turn, rng.uniform(1, 100, (30, 32)), np.ones((30, 32)))
     return sorted(folder.iterdir())
 
 

@@ -1,5 +1,6 @@
 """Every written file is read back by others (trimesh, meshio) and by us, bit for bit where the format can, and twice the same."""
 
+import errno
 import itertools
 
 import meshio
@@ -20,6 +21,7 @@ from scan2fea.io import (
     write_trajectory,
     write_vtu,
 )
+from scan2fea.io.files import replacing
 from scan2fea.io.volume import boundary_of
 from scan2fea.types import PointCloud, Rays, Scan, TetMesh, Trajectory, TriangleMesh
 
@@ -299,3 +301,10 @@ def test_cut_and_garbled_volume_files_are_refused(suffix, tmp_path):
             read_mesh(path)
         except InputError as error:
             assert str(path) in str(error) and "\n" not in str(error)
+
+
+def test_a_full_disk_is_told_and_leaves_nothing_behind(tmp_path):
+    with pytest.raises(UsageError, match=r"cannot be written .*make room"), replacing(tmp_path / "a.ply") as handle:
+        handle.write(b"half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert list(tmp_path.iterdir()) == []

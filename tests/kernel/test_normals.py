@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from scan2fea.kernel.normals import least_axis, oriented_to, pca_normals
+from scan2fea.kernel.normals import least_axis, normals_at, oriented_to, pca_normals
 from scan2fea.kernel.transforms import random_rotation
 
 
@@ -44,3 +44,11 @@ def test_orientation_by_sensor():
 def test_few_points():
     assert pca_normals(np.zeros((0, 3))).shape == (0, 3)
     assert pca_normals(np.ones((4, 3))).tolist() == [[0, 0, 1]] * 4
+
+
+def test_normals_at_places_are_those_of_the_points_there():
+    rng = np.random.default_rng(5)
+    points = np.c_[rng.random((400, 2)), 1e-3 * rng.standard_normal(400)] @ random_rotation(3).T
+    there = normals_at(points[:50], points, 12)
+    same = np.abs(np.einsum("nc,nc->n", there, pca_normals(points, 12)[:50]))
+    assert same.min() > 1 - 1e-9

@@ -62,3 +62,24 @@ def test_t_min_skips_the_start_and_ties_go_to_the_lower_face():
 def test_no_triangle():
     with pytest.raises(InternalError, match="at least one triangle"):
         ray_scene(CUBE, np.zeros((0, 3), np.int64))
+
+
+def test_threads_change_nothing():
+    rng = np.random.default_rng(1)
+    vertices = rng.random((3000, 3))
+    scene = ray_scene(vertices, np.arange(3000).reshape(-1, 3))
+    origin, direction = rng.random((40_000, 3)), rng.standard_normal((40_000, 3))
+    for one, two in zip(first_hits(scene, origin, direction), first_hits(scene, origin, direction, threads=2), strict=True):
+        np.testing.assert_array_equal(one, two)
+
+
+def test_many_triangles_in_one_place_and_in_geometric_series():
+    """Neither centres that no plane parts, nor splits that each part one triangle off, may break the tree."""
+    same = np.tile(CUBE[[0, 3, 5]], (500, 1, 1))
+    shrinking = CUBE[[0, 3, 5]] * (0.7 ** np.arange(400))[:, None, None]
+    triangles = np.concatenate([same, shrinking])
+    origin = np.random.default_rng(2).random((500, 3)) - 0.2
+    direction = triangles[::2].mean(axis=1)[:450].repeat(2, axis=0)[:500] - origin
+    t, face = first_hits(ray_scene(triangles.reshape(-1, 3), np.arange(2700).reshape(-1, 3)), origin, direction)
+    np.testing.assert_allclose(t, brute_force(triangles, origin, direction), rtol=1e-9)
+    assert face.min() >= 0

@@ -6,7 +6,7 @@ Read piece by piece into float64: a header that promises more points than the fi
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from scan2fea.errors import EmptyScanError, FormatError, require
-from scan2fea.io.misses import grid_directions
+from scan2fea.io.misses import GridAngles, GridSweep
 from scan2fea.io.source import ROWS_PER_PIECE, Column, Piece, Source
 from scan2fea.kernel.transforms import quaternion_to_matrix
 from scan2fea.types import BoolArray, FloatArray
@@ -119,20 +119,37 @@ def _rotation(path: Path, q: FloatArray) -> FloatArray:
 
 
 def _pieces(path: Path, scan: _Scan, extra: tuple[str, ...]) -> Iterator[Piece]:
+    """The scan piece by piece. Where rays brought nothing back and no direction, the angles of the grid are learnt once, from the whole scan."""
     state = "sphericalInvalidState" if scan.is_spherical else "cartesianInvalidState"
-    fields = [*(_SPHERICAL if scan.is_spherical else _CARTESIAN), *(f for f in (*_GRID, state, *extra) if f in scan.fields)]
-    # a grid is told from the whole scan, which fits into a piece in practice; larger scans keep what the states alone tell
-    rows = scan.n if all(name in fields for name in _GRID) and scan.n <= 8 * ROWS_PER_PIECE else ROWS_PER_PIECE
-    for read in _buffers(path, scan, fields, min(rows, scan.n)):
-        yield _piece(scan, read, state, extra)
+    located = [*(_SPHERICAL if scan.is_spherical else _CARTESIAN), *(f for f in (*_GRID, state) if f in scan.fields)]
+    has_grid = all(name in located for name in _GRID)
+    learnt: list[GridAngles | None] = []
+
+    def angles() -> GridAngles | None:
+        if not learnt:
+            learnt.append(_learnt(path, scan, located, state) if has_grid else None)
+        return learnt[0]
+
+    for read in _buffers(path, scan, [*located, *(f for f in extra if f in scan.fields)]):
+        yield _piece(scan, read, state, extra, angles)
 
 
-def _buffers(path: Path, scan: _Scan, fields: list[str], capacity: int) -> Iterator[dict[str, FloatArray]]:
+def _learnt(path: Path, scan: _Scan, fields: list[str], state: str) -> GridAngles | None:
+    sweep = GridSweep(scan.n)
+    for read in _buffers(path, scan, fields):
+        local = _local(scan, read)
+        row, column = (read[name].astype(np.int64) for name in _GRID)
+        sweep.add(local, ~_is_miss(scan, read, state, local) & np.isfinite(local).all(axis=1), row, column)
+    return sweep.angles()
+
+
+def _buffers(path: Path, scan: _Scan, fields: list[str]) -> Iterator[dict[str, FloatArray]]:
     import pye57
     from pye57 import libe57
 
     if scan.n == 0:
         return
+    capacity = min(ROWS_PER_PIECE, scan.n)
     try:
         with pye57.E57(str(path)) as file:
             arrays = {name: np.empty(capacity) for name in fields}
@@ -150,18 +167,18 @@ def _buffers(path: Path, scan: _Scan, fields: list[str], capacity: int) -> Itera
     require(total == scan.n, FormatError, f"{path} promises {scan.n} points in scan {scan.number + 1}, but holds {total}: it is cut off")
 
 
-def _piece(scan: _Scan, read: dict[str, FloatArray], state: str, extra: tuple[str, ...]) -> Piece:
+def _piece(scan: _Scan, read: dict[str, FloatArray], state: str, extra: tuple[str, ...], angles: Callable[[], GridAngles | None]) -> Piece:
     local = _local(scan, read)
     is_grid = all(name in read for name in _GRID)
     rotation, origin = scan.T_world_scanner[:3, :3], scan.T_world_scanner[:3, 3]
     is_placed = scan.has_pose and not np.array_equal(scan.T_world_scanner, np.eye(4))
     has_sensor = is_placed or scan.is_spherical or (is_grid and scan.has_pose)
-    kept: dict[str, Column] = {_COLUMNS[name]: read[name] for name in extra if name in read}
+    kept: dict[str, Column] = {_COLUMNS[name]: _small(read[name]) if name.startswith("color") else read[name] for name in extra if name in read}
     kept.update({_COLUMNS[name]: np.full(len(local), np.nan) for name in extra if name not in read})
     if is_placed and all(name in kept for name in ("nx", "ny", "nz")):
         normals = np.stack([kept["nx"], kept["ny"], kept["nz"]], axis=1) @ rotation.T
         kept.update({name: normals[:, k] for k, name in enumerate(("nx", "ny", "nz"))})
-    is_miss, direction = _misses(scan, read, state, local)
+    is_miss, direction = _misses(scan, read, state, local, angles)
     return Piece(
         points=local @ rotation.T + origin if is_placed else local,
         columns=kept,
@@ -187,11 +204,26 @@ def _looking(read: dict[str, FloatArray]) -> FloatArray:
     return np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1)
 
 
-def _misses(scan: _Scan, read: dict[str, FloatArray], state: str, local: FloatArray) -> tuple[BoolArray | None, FloatArray | None]:
+def _small(colour: FloatArray) -> Column:
+    """Whole numbers of a colour in two bytes instead of eight."""
+    whole = colour.astype(np.uint16) if bool(((colour >= 0) & (colour <= 65535)).all()) else colour
+    return whole if np.array_equal(whole, colour) else colour
+
+
+def _is_miss(scan: _Scan, read: dict[str, FloatArray], state: str, local: FloatArray) -> BoolArray:
+    """Rays without return: said to be invalid, or at the scanner itself."""
+    return np.asarray(((read[state] != 0) if state in read else False) | _at_scanner(scan, local))
+
+
+def _at_scanner(scan: _Scan, local: FloatArray) -> BoolArray:
+    return np.asarray((local[:, 0] == 0) & (local[:, 1] == 0) & (local[:, 2] == 0) & (scan.has_pose or scan.is_spherical))
+
+
+def _misses(
+    scan: _Scan, read: dict[str, FloatArray], state: str, local: FloatArray, angles: Callable[[], GridAngles | None]
+) -> tuple[BoolArray | None, FloatArray | None]:
     """Rays without return and the directions of all rays in the frame of the scanner (nan unknown); None where every ray brought a point."""
-    at_scanner = (local[:, 0] == 0) & (local[:, 1] == 0) & (local[:, 2] == 0) & (scan.has_pose or scan.is_spherical)
-    invalid = read[state] if state in read else np.zeros(1)
-    is_miss: BoolArray = (invalid != 0) | at_scanner
+    is_miss = _is_miss(scan, read, state, local)
     if not bool(is_miss.any()):
         return None, None
     if scan.is_spherical:
@@ -199,19 +231,16 @@ def _misses(scan: _Scan, read: dict[str, FloatArray], state: str, local: FloatAr
     else:
         length = np.sqrt((local**2).sum(axis=1, keepdims=True))
         direction = np.divide(local, length, out=np.full_like(local, np.nan), where=np.isfinite(length) & (length > 0))
-    direction[(invalid >= _NOTHING) | (at_scanner & (not scan.is_spherical))] = np.nan
+    if state in read:
+        direction[read[state] >= _NOTHING] = np.nan
+    if not scan.is_spherical:
+        direction[_at_scanner(scan, local)] = np.nan
     unknown = is_miss & np.isnan(direction[:, 0])
-    swept = _swept(local, is_miss, read) if bool(unknown.any()) and all(name in read for name in _GRID) else None
+    swept = angles() if bool(unknown.any()) else None
     if swept is not None:
-        direction[unknown] = swept[unknown]
+        row, column = (read[name][unknown].astype(np.int64) for name in _GRID)
+        direction[unknown] = swept.directions(row, column)
     return is_miss, direction
-
-
-def _swept(local: FloatArray, is_miss: BoolArray, read: dict[str, FloatArray]) -> FloatArray | None:
-    row, column = (read[name].astype(np.int64) for name in _GRID)
-    if int(row.min()) < 0 or int(column.min()) < 0:
-        return None
-    return grid_directions(local, ~is_miss & np.isfinite(local).all(axis=1), row, column)
 
 
 def _said(error: Exception) -> str:

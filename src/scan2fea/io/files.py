@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import os
 from collections.abc import Iterator
@@ -12,13 +13,14 @@ from typing import BinaryIO
 from scan2fea.errors import EmptyScanError, InputError, UsageError, require
 
 _BLOCK = 1 << 20
+_FULL = (errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC))  # disk, file or quota
 
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[BinaryIO]:
     """A binary file that takes the name `path` only when the block ends well; otherwise nothing is left behind. Missing folders are made.
 
-    Raises UsageError where the folder cannot be written to.
+    Raises UsageError where the folder cannot be written to, or is full.
     """
     path = Path(path)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
@@ -31,8 +33,10 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
         with handle:
             yield handle
         os.replace(temporary, path)
-    except BaseException:
+    except BaseException as error:
         temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError) and error.errno in _FULL:
+            raise UsageError(f"{path}: cannot be written ({error.strerror}): make room, or choose another folder with -o") from error
         raise
 
 

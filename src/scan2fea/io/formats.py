@@ -16,12 +16,14 @@ from scan2fea.io.las import open_las
 from scan2fea.io.npy import open_npy, open_npz
 from scan2fea.io.obj import open_obj
 from scan2fea.io.off import open_off
+from scan2fea.io.pcap import MAGIC as PCAP_MAGIC
 from scan2fea.io.pcd import open_pcd
 from scan2fea.io.ply import open_ply
 from scan2fea.io.ptx import open_ptx
 from scan2fea.io.source import Source
 from scan2fea.io.stl import open_stl
 from scan2fea.io.text import open_text
+from scan2fea.io.velodyne import open_velodyne
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,7 @@ FORMATS = (
     Format("STL", (".stl",), open_stl),
     Format("OBJ", (".obj",), open_obj),
     Format("OFF", (".off",), open_off),
+    Format("pcap", (".pcap",), open_velodyne, PCAP_MAGIC),
 )
 BY_SUFFIX = {suffix: entry for entry in FORMATS for suffix in entry.suffixes}
 
@@ -60,7 +63,6 @@ _OTHERS = (
     (b"<VTKFile", "VTK XML"),
     (b"$MeshFormat", "Gmsh"),
     (b"glTF", "glTF"),
-    (b"\xd4\xc3\xb2\xa1", "pcap"),
     (b"\x0a\x0d\x0d\x0a", "pcapng"),
     (b"\x1f\x8b", "gzip"),
     (b"7z\xbc\xaf", "7-Zip"),

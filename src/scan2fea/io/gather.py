@@ -15,6 +15,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, Rays
 
 _FARTHEST_M = 1e12  # beyond the solar system's planets: bytes that are no coordinates
 _SAMPLE = 200_000  # points from which the first edge is told
+_MISSES = 0.25  # rays without return that are kept, as a share of the points: what is seen empty is seen so by many
 _SAFETY = 4.0  # the first edge is that much smaller than the sample suggests: it only ever doubles
 
 
@@ -167,12 +168,36 @@ def gather(path: Path, pieces: Callable[[], Iterator[Piece]], wanted: tuple[str,
     return _gathered(found, limit)
 
 
+class _Misses:
+    """Rays without return: all of them, or every 2nd, 4th, ... where there are more than `limit`."""
+
+    def __init__(self, limit: int) -> None:
+        self.limit = limit
+        self.n_added, self.step = 0, 1
+        self.parts: list[tuple[FloatArray, FloatArray]] = []
+
+    def add(self, origin: FloatArray, direction: FloatArray) -> None:
+        first = -self.n_added % self.step
+        self.n_added += len(origin)
+        self.parts.append((origin[first :: self.step].copy(), direction[first :: self.step].copy()))
+        while sum(len(part) for part, _ in self.parts) > self.limit:
+            whole = self.whole()
+            self.step *= 2
+            self.parts = [(whole[0][::2].copy(), whole[1][::2].copy())]
+
+    def whole(self) -> tuple[FloatArray, FloatArray]:
+        """Origins and directions (m, 3) of those kept."""
+        if not self.parts:
+            return np.zeros((0, 3)), np.zeros((0, 3))
+        return np.concatenate([origin for origin, _ in self.parts]), np.concatenate([direction for _, direction in self.parts])
+
+
 @dataclass
 class _Found:
     """Counts while a file is read; never leaves this file."""
 
     rows: _Rows
-    misses: list[tuple[FloatArray, FloatArray]]
+    misses: _Misses
     raw: FloatArray
     n_rows: int = 0
     n_dropped: int = 0
@@ -181,7 +206,7 @@ class _Found:
 
 
 def _read(path: Path, pieces: Iterator[Piece], wanted: tuple[str, ...], scale: float, rows: _Rows, keep_rows: bool) -> _Found:
-    found = _Found(rows, [], np.zeros((0, 3)))
+    found = _Found(rows, _Misses(max(1, round(_MISSES * rows.limit))), np.zeros((0, 3)))
     for piece in pieces:
         is_finite = _is_finite(piece.points)
         is_hit: BoolArray = is_finite if piece.is_miss is None else is_finite & ~piece.is_miss
@@ -194,7 +219,7 @@ def _read(path: Path, pieces: Iterator[Piece], wanted: tuple[str, ...], scale: f
             lost, ray = _misses(piece, scale)
             found.n_misses += int(piece.is_miss.sum())
             found.n_lost += lost
-            found.misses.append(ray)
+            found.misses.add(*ray)
         found.n_dropped += int((~is_finite).sum() if piece.is_miss is None else (~is_finite & ~piece.is_miss).sum())
         first, n = found.n_rows, len(piece.points)
         sensor = None if piece.sensor is None else np.atleast_2d(piece.sensor if piece.sensor.ndim == 1 or whole else piece.sensor[is_hit]) * scale
@@ -239,7 +264,7 @@ def _gathered(found: _Found, limit: int) -> Gathered:
         points = stream.mean()
     else:
         points = np.concatenate(found.rows.points) if found.rows.points else np.zeros((0, 3))
-    origin, direction = _thinned_misses(found.misses, limit) if found.misses else (np.zeros((0, 3)), np.zeros((0, 3)))
+    origin, direction = found.misses.whole()
     return Gathered(
         points=points,
         raw_points=found.raw,
@@ -266,16 +291,12 @@ def _misses(piece: Piece, scale: float) -> tuple[int, tuple[FloatArray, FloatArr
     return int((~known).sum()), (origin[known], direction[known])
 
 
-def _thinned_misses(misses: list[tuple[FloatArray, FloatArray]], limit: int) -> tuple[FloatArray, FloatArray]:
-    """All misses, or every k-th where there are more than `limit`."""
-    step = 1 + sum(len(origin) for origin, _ in misses) // max(limit, 1)
-    return np.concatenate([origin[::step] for origin, _ in misses]), np.concatenate([direction[::step] for _, direction in misses])
-
-
 def _notes(found: _Found, stream: VoxelStream | None, limit: int) -> tuple[str, ...]:
     notes = []
     if found.n_dropped:
         notes.append(f"{found.n_dropped} of {found.n_rows} rows are not finite and were dropped")
+    if found.misses.step > 1:
+        notes.append(f"1 in {found.misses.step} of {found.misses.n_added} rays without return was kept, to fit into input.memory_gib")
     if found.n_lost:
         notes.append(f"the direction of {found.n_lost} rays without return cannot be told: they were dropped")
     if stream is not None:

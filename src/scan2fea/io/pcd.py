@@ -78,7 +78,7 @@ def open_pcd(path: Path, size: int) -> Source:
         for fields in _READERS[header.encoding](header, data, wanted):
             yield _piece(header, fields, wanted, sensor)
 
-    return Source(columns=coloured, pieces=pieces, n_points=header.n)
+    return Source(columns=coloured, pieces=pieces, n_points=header.n, pose_given=sensor is not None)
 
 
 def _piece(header: _Header, read: dict[str, Column], wanted: frozenset[str], sensor: FloatArray | None) -> Piece:

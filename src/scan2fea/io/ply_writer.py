@@ -27,12 +27,13 @@ def write_cloud_ply(path: Path, cloud: PointCloud, columns: Mapping[str, Array] 
     _write(path, [("vertex", {**_columns_of(cloud), **columns}, len(cloud))])
 
 
-def write_scan_ply(path: Path, scan: Scan) -> None:
-    """A scan as a scanner would give it: points with sensor_x, sensor_y, sensor_z, and an element `miss` of the rays without return.
+def write_scan_ply(path: Path, scan: Scan, columns: Mapping[str, Array] = {}) -> None:
+    """A scan as a scanner would give it: points with sensor_x, sensor_y, sensor_z and further `columns`, and an element `miss` of
+    the rays without return.
 
-    `read_scan` gives both back.
+    `read_scan` gives points, sensors and misses back.
     """
-    columns = _columns_of(scan.cloud)
+    columns = {**_columns_of(scan.cloud), **columns}
     elements = []
     if scan.rays is not None:
         sensors = scan.sensors()

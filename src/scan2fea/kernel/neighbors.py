@@ -53,7 +53,7 @@ def _half_neighbourhood() -> IntArray:
 
 
 @jit
-def _slot_of(i: np.int64, j: np.int64, k: np.int64, cells: IntArray, table: IntArray) -> np.int64:
+def slot_of(i: np.int64, j: np.int64, k: np.int64, cells: IntArray, table: IntArray) -> np.int64:
     """Row of the open-addressing table that holds cell (i, j, k), or the empty row where it would go."""
     mask = len(table) - 1
     slot = (i * 73856093) ^ (j * 19349663) ^ (k * 83492791)
@@ -87,7 +87,7 @@ def _touch(points: FloatArray, order: IntArray, a0: int, a1: int, b0: int, b1: i
 
 
 @jit
-def _sorted_into_cells(points: FloatArray, low: FloatArray, edge: float) -> tuple[IntArray, IntArray, IntArray, IntArray, IntArray]:
+def sorted_into_cells(points: FloatArray, low: FloatArray, edge: float) -> tuple[IntArray, IntArray, IntArray, IntArray, IntArray]:
     """Cell of each point (n,), index triple of each cell, hash table, and the points in order of their cells with each cell's start."""
     n = len(points)
     size = 16
@@ -101,7 +101,7 @@ def _sorted_into_cells(points: FloatArray, low: FloatArray, edge: float) -> tupl
         i = np.int64(math.floor((points[p, 0] - low[0]) / edge))
         j = np.int64(math.floor((points[p, 1] - low[1]) / edge))
         k = np.int64(math.floor((points[p, 2] - low[2]) / edge))
-        slot = _slot_of(i, j, k, cells, table)
+        slot = slot_of(i, j, k, cells, table)
         if table[slot] < 0:
             table[slot] = n_cells
             cells[n_cells, 0], cells[n_cells, 1], cells[n_cells, 2] = i, j, k
@@ -122,12 +122,12 @@ def _sorted_into_cells(points: FloatArray, low: FloatArray, edge: float) -> tupl
 
 @jit
 def _components(points: FloatArray, low: FloatArray, radius: float, edge: float, offsets: IntArray) -> IntArray:
-    cell_of, cells, table, order, start = _sorted_into_cells(points, low, edge)
+    cell_of, cells, table, order, start = sorted_into_cells(points, low, edge)
     n_cells = len(cells)
     parent = np.arange(n_cells)
     for o in range(len(offsets)):
         for c in range(n_cells):
-            other = table[_slot_of(cells[c, 0] + offsets[o, 0], cells[c, 1] + offsets[o, 1], cells[c, 2] + offsets[o, 2], cells, table)]
+            other = table[slot_of(cells[c, 0] + offsets[o, 0], cells[c, 1] + offsets[o, 1], cells[c, 2] + offsets[o, 2], cells, table)]
             if other < 0:
                 continue
             a, b = _root(parent, c), _root(parent, other)

@@ -27,6 +27,14 @@ def pca_normals(points: FloatArray, k: int = 12) -> FloatArray:
     return normals
 
 
+def normals_at(places: FloatArray, points: FloatArray, k: int) -> FloatArray:
+    """(m, 3) unit normals, of any sign, of the planes of least squares through the k of the points (n, 3) nearest to each place (m, 3)."""
+    patch = points[k_nearest(points, k, places)[1]]
+    patch = patch - patch.mean(axis=1, keepdims=True)
+    normals: FloatArray = np.linalg.eigh(np.einsum("mki,mkj->mij", patch, patch))[1][:, :, 0]
+    return normals
+
+
 def oriented_to(normals: FloatArray, points: FloatArray, sensors: FloatArray) -> FloatArray:
     """The normals, turned to the side their point was seen from; unchanged where the sensor is nan.
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scan2fea.kernel.jit import jit
-from scan2fea.kernel.neighbors import _slot_of, _sorted_into_cells
+from scan2fea.kernel.neighbors import slot_of, sorted_into_cells
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 SAME_SIDE = 0.3  # least cosine between the normals of one side
@@ -116,7 +116,7 @@ def _fit(near: Near, normals: FloatArray, least: float) -> tuple[FloatArray, Flo
 @jit
 def _lists(points: FloatArray, low: FloatArray, radius: float) -> tuple[IntArray, IntArray]:
     n = len(points)
-    cell_of, cells, table, order, start = _sorted_into_cells(points, low, radius)
+    cell_of, cells, table, order, start = sorted_into_cells(points, low, radius)
     first = np.zeros(n + 1, np.int64)
     index = np.zeros(0, np.int64)
     for p in range(n):
@@ -136,7 +136,7 @@ def _within(
     found = 0
     for cell in range(27):
         i, j, k = cells[home, 0] + cell // 9 - 1, cells[home, 1] + (cell // 3) % 3 - 1, cells[home, 2] + cell % 3 - 1
-        other = table[_slot_of(i, j, k, cells, table)]
+        other = table[slot_of(i, j, k, cells, table)]
         if other < 0:
             continue
         for o in range(start[other], start[other + 1]):
@@ -248,7 +248,7 @@ def _first_layer(
         j0 = np.int64(math.floor((points[p, 1] + middle * ay - low[1]) / edge))
         k0 = np.int64(math.floor((points[p, 2] + middle * az - low[2]) / edge))
         for cell in range(27):
-            other = table[_slot_of(i0 + cell // 9 - 1, j0 + (cell // 3) % 3 - 1, k0 + cell % 3 - 1, cells, table)]
+            other = table[slot_of(i0 + cell // 9 - 1, j0 + (cell // 3) % 3 - 1, k0 + cell % 3 - 1, cells, table)]
             if other < 0:
                 continue
             for o in range(start[other], start[other + 1]):
@@ -273,7 +273,7 @@ def _first_layer(
 
 @jit
 def _depths(points: FloatArray, normals: FloatArray, low: FloatArray, radius: float, reach: float, sign: float) -> FloatArray:
-    _, cells, table, order, start = _sorted_into_cells(points, low, 1.2 * radius)
+    _, cells, table, order, start = sorted_into_cells(points, low, 1.2 * radius)
     out, depths, counted = np.full(len(points), np.nan), np.zeros(4096), np.ones(len(points), np.bool_)
     for p in range(len(points)):
         found, _ = _first_layer(points, normals, counted, p, sign, cells, table, order, start, low, radius, 0.0, reach, OPPOSITE, depths)
@@ -284,7 +284,7 @@ def _depths(points: FloatArray, normals: FloatArray, low: FloatArray, radius: fl
 
 @jit
 def _opposed(points: FloatArray, normals: FloatArray, sure: BoolArray, low: FloatArray, radius: float, reach: float, thickness: float) -> FloatArray:
-    _, cells, table, order, start = _sorted_into_cells(points, low, 1.2 * radius)
+    _, cells, table, order, start = sorted_into_cells(points, low, 1.2 * radius)
     out, depths = np.zeros(len(points)), np.zeros(4096)
     for p in range(len(points)):
         if sure[p]:

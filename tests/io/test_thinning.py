@@ -1,0 +1,47 @@
+"""Scans beyond `input.memory_gib` become voxel means while they are read."""
+
+import numpy as np
+
+from scan2fea.io import InputOptions, read_scan
+
+
+def dense(n, offset=0.0):
+    rng = np.random.default_rng(3)
+    return np.column_stack([rng.random((n, 2)) * 10, rng.normal(size=n) * 0.001]) + offset
+
+
+def test_a_scan_beyond_the_budget_becomes_voxel_means(tmp_path):
+    from scan2fea.io.gather import gather
+    from scan2fea.io.source import Piece
+    from scan2fea.kernel.voxels import voxel_mean
+
+    points, limit = dense(60_000, 1e4), 5000
+    label = np.arange(60_000)
+
+    def pieces():
+        for part in np.array_split(np.arange(60_000), 13):
+            yield Piece(points=points[part], columns={"label": label[part]}, sensor=np.array([0.0, 0, 9e3]))
+
+    found = gather(tmp_path, pieces, ("label",), 1.0, limit, keep_rows=False)
+    assert limit // 3 < len(found.points) <= limit and found.n_rows == 60_000
+    batch = voxel_mean(points, found.voxel_edge_m)
+    assert found.points.tobytes() == batch.mean.tobytes()  # read again at the final edge: the bytes of the batch
+    assert (found.raw_index == batch.first_row).all() and (found.columns["label"] == batch.first_row).all()
+    ray, rays = found.rays()
+    assert len(ray) == len(found.points) and (rays.origin == [0, 0, 9e3]).all()
+    again = gather(tmp_path, pieces, ("label",), 1.0, limit, keep_rows=False)
+    assert again.points.tobytes() == found.points.tobytes() and again.voxel_edge_m == found.voxel_edge_m
+
+
+def test_thinning_is_told(tmp_path):
+    np.save(tmp_path / "a.npy", dense(400_000))
+    raw = read_scan(tmp_path / "a.npy", InputOptions(memory_gib=0.1))
+    assert raw.n_points == 400_000 and len(raw.scan.cloud) < 0.1 * 2**30 / 250 and raw.voxel_edge_m > 0
+    assert "exceed the 350896 that fit into input.memory_gib: read as the means of" in raw.notes[0]
+
+
+def test_budget_is_inclusive(tmp_path):
+    np.save(tmp_path / "a.npy", dense(350_896))
+    assert read_scan(tmp_path / "a.npy", InputOptions(memory_gib=0.1)).voxel_edge_m is None
+    np.save(tmp_path / "b.npy", dense(350_897))
+    assert read_scan(tmp_path / "b.npy", InputOptions(memory_gib=0.1)).voxel_edge_m is not None

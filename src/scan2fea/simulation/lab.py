@@ -23,7 +23,7 @@ class SceneObject(Value):
     """One solid of a scene: exact mesh in the world, dimensions and volume in SI.
 
     spacing_m : mean distance between neighbours that the detail scan of this object aims at.
-    stands_on : name of the object that hides its underside, or "" if it hangs free.
+    stands_on : name of the object that hides its underside, or "" if it hangs free.   T_world_shape : (4, 4), or None where not stated.
     """
 
     name: str
@@ -33,6 +33,7 @@ class SceneObject(Value):
     volume_m3: float
     spacing_m: float
     stands_on: str
+    T_world_shape: FloatArray | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -44,7 +45,7 @@ class Lab(Value):
 
 
 _L_BEAM = {"a": 0.127, "b": 0.127, "t": 0.00635, "length": 3.048}  # thesis 3.3.1: 5 x 5 x 1/4 in, 10 ft
-_BRACKET_HOLES = (("a", 0.055, 0.03, 0.009), ("a", 0.055, 0.09, 0.009), ("b", 0.07, 0.06, 0.012))
+BRACKET_HOLES = (("a", 0.055, 0.03, 0.009), ("a", 0.055, 0.09, 0.009), ("b", 0.07, 0.06, 0.012))
 _ANY_ANGLE = math.radians(17.0)  # nothing that hangs is aligned with the axes of the scan
 
 
@@ -70,7 +71,7 @@ def demo_lab() -> Lab:
         _object(
             "bracket",
             "bracket",
-            shapes.bracket(0.1, 0.12, 0.01, 0.12, _BRACKET_HOLES),
+            shapes.bracket(0.1, 0.12, 0.01, 0.12, BRACKET_HOLES),
             {"a": 0.1, "b": 0.12, "t": 0.01, "width": 0.12, "d1": 0.018, "d2": 0.018, "d3": 0.024},
             0.0025,
             tilted,
@@ -109,7 +110,8 @@ def _object(
     origin: tuple[float, float, float],
     stands_on: str = "",
 ) -> SceneObject:
-    solid = shapes.posed(mesh, rigid(R_world_shape, origin))
+    T = rigid(R_world_shape, origin)
+    solid = shapes.posed(mesh, T)
     return SceneObject(
-        name=name, kind=kind, mesh=solid, dimensions=dimensions, volume_m3=volume(solid), spacing_m=spacing_m, stands_on=stands_on
+        name=name, kind=kind, mesh=solid, dimensions=dimensions, volume_m3=volume(solid), spacing_m=spacing_m, stands_on=stands_on, T_world_shape=T
     )

@@ -13,6 +13,7 @@ from scan2fea.errors import InternalError, require
 from scan2fea.types import FloatArray, IntArray, TriangleMesh
 
 Loop = tuple[int, ...]
+_ROUNDING = 1e-13  # of the square of a face's size: three corners that turn by less lie on one line
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -119,12 +120,14 @@ def triangulated(flat: dict[int, FloatArray], loops: list[list[int]]) -> list[tu
 
     flat : vertex -> (2,).   loops : outer counter-clockwise, holes clockwise. Raises InternalError where the loops cross.
     """
+    every = np.array([flat[i] for loop in loops for i in loop])
+    slack = _ROUNDING * float(np.ptp(every, axis=0).max()) ** 2
     ring = list(loops[0])
     for hole in sorted(loops[1:], key=lambda loop: -max(flat[i][0] for i in loop)):
         ring = _bridged(flat, ring, hole)
     triangles: list[tuple[int, int, int]] = []
     while len(ring) > 3:
-        ear = next((i for i in range(len(ring)) if _is_ear(flat, ring, i)), None)
+        ear = next((i for i in range(len(ring)) if _is_ear(flat, ring, i, slack)), None)
         require(ear is not None, InternalError, "the loops of a face cross: it has no triangulation")
         i = ear or 0
         triangles.append((ring[i - 1], ring[i], ring[(i + 1) % len(ring)]))
@@ -136,17 +139,17 @@ def _turn(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
-def _holds(a: FloatArray, b: FloatArray, c: FloatArray, p: FloatArray) -> bool:
-    """True where p lies in the counter-clockwise triangle or on its border."""
-    return _turn(a, b, p) >= 0 and _turn(b, c, p) >= 0 and _turn(c, a, p) >= 0
+def _holds(a: FloatArray, b: FloatArray, c: FloatArray, p: FloatArray, slack: float = 0.0) -> bool:
+    """True where p lies in the counter-clockwise triangle or on its border; `slack` (m2) is what rounding may take from a turn."""
+    return _turn(a, b, p) >= -slack and _turn(b, c, p) >= -slack and _turn(c, a, p) >= -slack
 
 
-def _is_ear(flat: dict[int, FloatArray], ring: list[int], i: int) -> bool:
+def _is_ear(flat: dict[int, FloatArray], ring: list[int], i: int, slack: float) -> bool:
     before, tip, after = ring[i - 1], ring[i], ring[(i + 1) % len(ring)]
     a, b, c = flat[before], flat[tip], flat[after]
-    if _turn(a, b, c) <= 0:
+    if _turn(a, b, c) <= slack:
         return False
-    return not any(_holds(a, b, c, flat[j]) for j in ring if j not in (before, tip, after))
+    return not any(_holds(a, b, c, flat[j], slack) for j in ring if j not in (before, tip, after))
 
 
 def _bridged(flat: dict[int, FloatArray], ring: list[int], hole: list[int]) -> list[int]:

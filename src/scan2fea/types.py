@@ -230,10 +230,82 @@ class Brep(Value):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Section(Value):
-    """A plane cross-section. loops : closed polygons, (k, 2) each, outer counter-clockwise, holes clockwise."""
+    """A plane cross-section. loops : closed polygons, (k, 2) each in metres, outer counter-clockwise, holes clockwise.
+
+    face_names : per loop, the name of the member's face over each edge i -> i + 1; edges that share a name are one (curved) face.
+    """
 
     family: str
     loops: tuple[FloatArray, ...]
+    face_names: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter(Value):
+    """One dimension of a member. std_m is None where nothing was estimated (fixed, or taken from the prior).
+
+    source : "fitted", "fixed" (the user gave it), "catalogue" (the data do not tell it: the prior that was used).
+    """
+
+    name: str
+    value_m: float
+    std_m: float | None
+    observable: bool
+    source: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class CatalogueEntry(Value):
+    """A hypothesis about the section and its posterior probability; `parameters` are the dimensions it stands for."""
+
+    name: str
+    probability: float
+    parameters: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Damage(Value):
+    """A place where the points leave the fitted member by more than chance. depth_m > 0: material is missing."""
+
+    kind: str
+    position_m: FloatArray
+    size_m: float
+    depth_m: float
+    std_m: float
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Member(Value):
+    """A prismatic member: a section of `kernel.sections` swept along a nearly straight axis.
+
+    T_world_member : (4, 4); the section lies in x, y of the member (frame of kernel.sections), its axis runs along +z from 0 to length.
+    bow : (2, k) metres, coefficients of the Legendre polynomials of degree 2 .. k + 1 on [0, length] by which the axis leaves the straight
+    line in x and in y (zero for a straight member).   twist : (k,) radians, the same for the roll, from degree 1 on.
+    end_normals : (2, 3) outward unit normals of the two end planes in the member's frame; (0, 0, -1) and (0, 0, 1) where square.
+    covariance : (p, p) of the parameters in their order, metres squared; zero rows where nothing was estimated.
+    seen : name of each face of the section -> share of its length that points support.
+    families : family -> posterior probability.   damage : significant places only.
+    """
+
+    family: str
+    parameters: tuple[Parameter, ...]
+    T_world_member: FloatArray
+    bow: FloatArray
+    twist: FloatArray
+    end_normals: FloatArray
+    covariance: FloatArray
+    sigma_m: float
+    noise: str
+    outlier_share: float
+    seen: Mapping[str, float]
+    families: Mapping[str, float]
+    catalogue: tuple[CatalogueEntry, ...] = ()
+    damage: tuple[Damage, ...] = ()
+
+    def values(self) -> dict[str, float]:
+        """Every dimension by name, metres."""
+        return {p.name: p.value_m for p in self.parameters}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,242 @@
+"""The provisional axis of a member: principal directions, then the tilt, curve and twist that make the points seen along the axis sharpest.
+
+A section swept along its axis projects onto the plane across it as a sharp outline, whatever part of its faces was seen: the mean of the
+points may wander, the outline may not. Tilt, bow and twist are Legendre series of zeta = -1 .. 1; the density of the projected points is
+estimated from themselves (a Gaussian kernel of falling width) and the series climb its logarithm by scoring. Nothing is assumed of the family.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import legendre
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from scan2fea.errors import EstimationError, require
+from scan2fea.estimation.ends import rough_ends
+from scan2fea.kernel.noise import sampled_rows
+from scan2fea.types import FloatArray, Value
+
+_POINTS = 6_000
+_SLENDER = 2.0  # shape-estimation.md, method 1: below this ratio of length to section every principal direction is tried
+_WIDTHS = (0.2, 0.12, 0.07, 0.04, 0.025)  # of the kernel, in diameters of the section
+_CELLS = 2.0  # grid cells per kernel width
+_STEPS = 4
+_FLOOR = 0.03  # of the mean density: points that lie where it is lower have no say
+_COLLINEAR = 1e-6
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Axis(Value):
+    """A provisional member frame and the curve that was taken out.
+
+    T_world_axis : (4, 4), z along the axis, origin in the middle of the points.   ends : z of the ends, roughly.   size_m : diameter of the section.
+    bow : (2, k) metres and twist : (k,) radians, Legendre coefficients from degree 0 on (0 and 1 are zero in bow, 0 in twist) over `ends`.
+    sharpness : mean log density of the points seen along the axis, per point, with the length's: comparable between axes of one cloud.
+    """
+
+    T_world_axis: FloatArray
+    ends: tuple[float, float]
+    size_m: float
+    bow: FloatArray
+    twist: FloatArray
+    sharpness: float
+
+    def zeta(self, z: FloatArray) -> FloatArray:
+        return np.asarray((2 * z - self.ends[0] - self.ends[1]) / (self.ends[1] - self.ends[0]))
+
+    def straightened(self, points: FloatArray) -> FloatArray:
+        """(n, 3) world points in the frame of the axis, bow and twist taken out."""
+        local = (points - self.T_world_axis[:3, 3]) @ self.T_world_axis[:3, :3]
+        if not self.bow.any() and not self.twist.any():
+            return np.asarray(local)
+        return _unbent(local, self.zeta(local[:, 2]), self.bow, self.twist)
+
+
+def axes_of(points: FloatArray, seed: int = 0, max_degree: int = 4) -> tuple[Axis, ...]:
+    """The axes worth trying, most slender first: one for a long member, up to three where the length is below twice the section.
+
+    points : (n, 3). Raises EstimationError where they lie on one line or at one place.
+    """
+    some = points[sampled_rows(len(points), _POINTS, seed)]
+    middle = np.median(some, axis=0)
+    centred = some - middle
+    reach = np.linalg.norm(centred, axis=1)
+    core = centred[reach <= 1.2 * np.quantile(reach, 0.95)]
+    values, vectors = np.linalg.eigh(np.cov(core.T))
+    require(values[2] > 0, EstimationError, f"all {len(points)} points lie at one place: there is no member")
+    require(values[1] > (_COLLINEAR**2) * values[2], EstimationError, f"the {len(points)} points lie on one line: a member has a section")
+    first = _along(some, middle, vectors[:, 2], max_degree)
+    if first.ends[1] - first.ends[0] >= _SLENDER * first.size_m:
+        return (first,)
+    found = [first, *(_along(some, middle, vectors[:, k], max_degree) for k in (1, 0))]
+    order = sorted(range(3), key=lambda k: (-found[k].sharpness, k))
+    return tuple(found[k] for k in order)
+
+
+def tilted(axis: Axis, points: FloatArray, slope: FloatArray, seed: int = 0) -> Axis:
+    """The axis along (slope, 1) of its own frame, where a section that was fitted along it says that it runs. points : (n, 3), for the new ends."""
+    R = _frame(axis.T_world_axis[:3, :3] @ np.array([slope[0], slope[1], 1.0]))
+    T = axis.T_world_axis.copy()
+    T[:3, :3] = R
+    some = points[sampled_rows(len(points), _POINTS, seed)]
+    low, high = rough_ends((some - T[:3, 3]) @ R[:, 2])
+    return dataclasses.replace(axis, T_world_axis=T, ends=(low, high))
+
+
+def _frame(direction: FloatArray) -> FloatArray:
+    """(3, 3) rotation with z along the direction, whose largest component is made positive."""
+    z = direction / np.linalg.norm(direction)
+    z = z * (1.0 if z[np.abs(z).argmax()] > 0 else -1.0)
+    x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], 1)
+
+
+def _along(points: FloatArray, middle: FloatArray, direction: FloatArray, max_degree: int) -> Axis:
+    R = _frame(direction)
+    slender = False
+    for _ in range(2):  # tilt first, in a frame turned onto it
+        local = (points - middle) @ R
+        low, high = rough_ends(local[:, 2])
+        size = _size(local, low, high)
+        slender = high - low >= _SLENDER * size
+        bow, _ = _climb(_inside(local, low, high), (low, high), size, 1, 0)
+        tilt = 2 * bow[:, 1] / (high - low)
+        R = _frame(R @ np.array([tilt[0], tilt[1], 1.0]))
+    local = (points - middle) @ R
+    low, high = rough_ends(local[:, 2])
+    size = _size(local, low, high)
+    inside = _inside(local, low, high)
+    zeta = (2 * inside[:, 2] - low - high) / (high - low)
+    straight = np.zeros((2, max_degree + 1)), np.zeros(2)
+    sharpness = _sharpness(inside, size) - math.log(max(high - low, 1e-300))
+    if slender and max_degree > 1:
+        bent = _bent(inside, (low, high), size, max_degree)
+        gain = (_sharpness(_unbent(inside, zeta, *bent), size) - math.log(max(high - low, 1e-300)) - sharpness) * len(inside)
+        if gain > 0.5 * (2 * max_degree - 1) * math.log(len(inside)):
+            return _turned(middle, R, (low, high), size, bent, sharpness + gain / len(inside))
+    return _turned(middle, R, (low, high), size, straight, sharpness)
+
+
+def _turned(middle: FloatArray, R: FloatArray, ends: tuple[float, float], size: float, bent: tuple[FloatArray, FloatArray], sharpness: float) -> Axis:
+    """The axis with what its bow holds of a tilt left in: the fit of the section takes it up."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, middle
+    return Axis(T_world_axis=T, ends=ends, size_m=size, bow=bent[0], twist=bent[1], sharpness=sharpness)
+
+
+def _inside(local: FloatArray, low: float, high: float) -> FloatArray:
+    margin = 0.02 * (high - low)
+    return local[(local[:, 2] > low + margin) & (local[:, 2] < high - margin)]
+
+
+def _size(local: FloatArray, low: float, high: float) -> float:
+    """Diameter of the section: of the points without stray ones, from slices so that a bow does not count."""
+    inside = _inside(local, low, high)
+    if len(inside) < 10:
+        return float(np.ptp(local[:, :2], axis=0).max())
+    n_slices = int(np.clip(len(inside) // 100, 1, 12))
+    slot = np.minimum(((inside[:, 2] - low) / (high - low) * n_slices).astype(int), n_slices - 1)
+    sizes = []
+    for k in range(n_slices):
+        own = inside[slot == k, :2]
+        if len(own) >= 5:
+            sizes.append(2 * float(np.quantile(np.hypot(*(own - np.median(own, axis=0)).T), 0.9)))
+    return max(float(np.median(sizes)) if sizes else 0.0, 1e-9 * (high - low))
+
+
+def _unbent(local: FloatArray, zeta: FloatArray, bow: FloatArray, twist: FloatArray) -> FloatArray:
+    x, y = local[:, 0] - legendre.legval(zeta, bow[0]), local[:, 1] - legendre.legval(zeta, bow[1])
+    if not twist.any():
+        return np.stack([x, y, local[:, 2]], 1)
+    angle = legendre.legval(zeta, twist)
+    c, s = np.cos(angle), np.sin(angle)
+    return np.stack([c * x + s * y, c * y - s * x, local[:, 2]], 1)
+
+
+def _bent(inside: FloatArray, ends: tuple[float, float], size: float, degree: int) -> tuple[FloatArray, FloatArray]:
+    """Bow and twist, from no bow and from the medians of slices: the sharper one."""
+    zeta = (2 * inside[:, 2] - ends[0] - ends[1]) / (ends[1] - ends[0])
+    slot = np.minimum(((zeta + 1) * 6).astype(int), 11)
+    rows = [(zeta[slot == k].mean(), *np.median(inside[slot == k, :2], axis=0)) for k in range(12) if (slot == k).sum() >= 5]
+    table = np.array(rows)
+    tries = [_climb(inside, ends, size, degree, 1)]
+    if len(table) > degree + 2:
+        start = np.array(legendre.legfit(table[:, 0], table[:, 1:], degree).T, dtype=np.float64)
+        start[:, 0] = 0.0
+        if np.abs(start[:, 2:]).max() > 0.1 * size:
+            tries.append(_climb(inside, ends, size, degree, 1, start))
+    bow, twist = max(tries, key=lambda one: _sharpness(_unbent(inside, zeta, *one), size))
+    return bow, twist
+
+
+def _climb(
+    inside: FloatArray, ends: tuple[float, float], size: float, degree: int, twist_degree: int, start: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
+    """Bow (2, degree + 1) and twist (twist_degree + 1,) of greatest sharpness near the start; degree 0 stays zero."""
+    bow = np.zeros((2, degree + 1)) if start is None else start.copy()
+    twist = np.zeros(twist_degree + 1)
+    if len(inside) < 20:
+        return bow, twist
+    zeta = (2 * inside[:, 2] - ends[0] - ends[1]) / (ends[1] - ends[0])
+    basis = legendre.legvander(zeta, max(degree, twist_degree))
+    for width in _WIDTHS:
+        h = width * size
+        for _ in range(_STEPS):
+            u = _unbent(inside, zeta, bow, twist)[:, :2]
+            slope = _log_density(u, h)[1]
+            # moving the axis by +1 moves the straightened point by -1 (turned with the twist, which is small in a step)
+            angle = basis[:, : len(twist)] @ twist
+            c, s = np.cos(angle), np.sin(angle)
+            by_x, by_y = -(c * slope[:, 0] - s * slope[:, 1]), -(s * slope[:, 0] + c * slope[:, 1])
+            columns = [by_x[:, None] * basis[:, 1 : degree + 1], by_y[:, None] * basis[:, 1 : degree + 1]]
+            if twist_degree:
+                turn = slope[:, 0] * u[:, 1] - slope[:, 1] * u[:, 0]
+                columns.append(turn[:, None] * basis[:, 1 : twist_degree + 1])
+            scores = np.concatenate(columns, 1)
+            information = scores.T @ scores
+            unit = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+            matrix = information * np.outer(unit, unit) + 1e-3 * np.eye(len(unit))
+            step = unit * np.linalg.solve(matrix, unit * scores.sum(axis=0))
+            limit = np.r_[np.full(2 * degree, h), np.full(twist_degree, width)]
+            step = step * min(1.0, float((limit / np.maximum(np.abs(step), 1e-300)).min()))
+            bow[0, 1:] += step[:degree]
+            bow[1, 1:] += step[degree : 2 * degree]
+            twist[1:] += step[2 * degree :]
+            if (np.abs(step) < 0.02 * limit).all():
+                break
+    return bow, twist
+
+
+def _log_density(u: FloatArray, h: float) -> tuple[FloatArray, FloatArray]:
+    """Log density (n,) of the points (n, 2) at themselves and its slope (n, 2), from a grid blurred by h."""
+    low, high = np.quantile(u, 0.005, axis=0) - 4 * h, np.quantile(u, 0.995, axis=0) + 4 * h
+    cell = h / _CELLS
+    shape = np.minimum(np.ceil((high - low) / cell).astype(int) + 1, 1500)
+    at = (u - low) / cell
+    ok = (at > 0).all(axis=1) & (at < shape - 1).all(axis=1)
+    whole = np.floor(at[ok]).astype(int)
+    part = at[ok] - whole
+    grid = np.zeros(shape[0] * shape[1])
+    for dx in (0, 1):
+        for dy in (0, 1):
+            share = np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1])
+            grid += np.bincount((whole[:, 0] + dx) * shape[1] + whole[:, 1] + dy, weights=share, minlength=len(grid))
+    smooth = gaussian_filter(grid.reshape(shape), _CELLS, mode="constant", truncate=3.5)
+    floor = _FLOOR * float(smooth[smooth > 0].mean()) + 1e-300
+    slope = np.gradient(smooth)
+    value = map_coordinates(smooth, at.T, order=1, mode="nearest") + floor
+    gx, gy = (map_coordinates(part_slope, at.T, order=1, mode="nearest") / value / cell for part_slope in slope)
+    own = 1 / (2 * math.pi * _CELLS**2)  # of the point itself, which must not vouch for itself
+    level = np.log(np.maximum(value - own, floor) / (len(u) * cell**2))
+    inside = np.where(ok, 1.0, 0.0)
+    return level, np.stack([gx * inside, gy * inside], 1)
+
+
+def _sharpness(local: FloatArray, size: float) -> float:
+    """Mean log density of the points across the axis at a kernel of 4 % of the section."""
+    return float(_log_density(local[:, :2], 0.04 * size)[0].mean())

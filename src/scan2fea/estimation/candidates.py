@@ -1,0 +1,318 @@
+"""The search among families: starts, ridge restarts, faces that were not seen, laws of noise; each hypothesis with its BIC on the same points."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scan2fea.estimation.anneal import annealed, climbed, on_the_ridge, ridge_restarts, walls
+from scan2fea.estimation.face_weights import free_faces, seen_weights, set_price, snapped
+from scan2fea.estimation.initial import Start, starts
+from scan2fea.estimation.likelihood import Layout, SectionModel, bounds, model_of, sigma_floor
+from scan2fea.estimation.scoring import Scored
+from scan2fea.estimation.visible import likeliest_set, visible_sets
+from scan2fea.kernel.noise import sampled_rows
+from scan2fea.kernel.section_likelihood import faces
+from scan2fea.kernel.sections import PARAMETERS, corner_factors
+from scan2fea.types import FloatArray, Value
+
+_FIRST_POINTS, _POINTS = 600, 3000
+_MARGIN = 40.0  # BIC units on 600 points: families further behind never came back
+_AT_LEAST = 3  # families that are looked at closely
+_STARTS = 2  # of each
+_DITHER = 1.5  # of the floor of sigma
+_HIDDEN = 10.0  # BIC units that hidden faces must gain before every family is asked what it would hide
+_WALL_MEDIAN, _WALL_SPREAD = 0.045, 0.7  # of t / largest side in sections.csv, and of its log over all families of thin walls
+_RESOLVED = 2.5  # sigma: both sides of a thicker wall stand apart under any law of noise
+_FLATTEST_TUBE = 4.0  # h / b: nine in ten rectangular tubes of sections.csv are at most 3; flatter is rather a plate
+_STILL_IN = 100.0  # BIC units behind the best at which a hypothesis is dropped: no law of noise or trimming of the ends brought one back from there
+_LAW_PRICE = 10.0  # BIC units that a law other than Gauss's must gain: "very strong evidence" (Kass and Raftery 1995)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Candidate(Value):
+    """One hypothesis at its optimum. face_weight : (f,) or None (all faces alike).
+
+    bic : on the points that all candidates share, with `price` for what was chosen besides the unknowns.
+    """
+
+    layout: Layout
+    theta: FloatArray
+    noise: str
+    face_weight: FloatArray | None
+    log_likelihood: float
+    bic: float
+    price: float
+
+    @property
+    def family(self) -> str:
+        return self.layout.family
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scene(Value):
+    """What every hypothesis is compared on. first, points : (n, 3) some hundreds and some thousands of the points."""
+
+    first: FloatArray
+    points: FloatArray
+    z_range: tuple[float, float]
+    area_m2: float
+    size_m: float
+    fixed: Mapping[str, float]
+
+    def model(self, layout: Layout, noise: str, face_weight: FloatArray | None, *, few: bool = False) -> SectionModel:
+        chosen = self.first if few else self.points
+        return model_of(chosen, layout, self.z_range, area_m2=self.area_m2, noise=noise, face_weight=face_weight)
+
+    def held(self, layout: Layout) -> Mapping[str, float]:
+        return {name: value for name, value in self.fixed.items() if name in layout.place}
+
+
+def scene_of(points: FloatArray, z_range: tuple[float, float], area_m2: float, size_m: float, fixed: Mapping[str, float], seed: int) -> Scene:
+    """A draw of the points, dithered by a noise just above the likelihood's floor.
+
+    Exact points have no scores across their faces, so the sum of the scores' products would not tell how sharp the optimum is.
+    """
+    chosen = points[sampled_rows(len(points), _POINTS, seed)]
+    chosen = chosen + np.random.default_rng(seed).normal(0, _DITHER * sigma_floor(size_m), chosen.shape) * [1, 1, 0]
+    first = chosen[sampled_rows(len(chosen), _FIRST_POINTS, seed + 1)]
+    return Scene(first=first, points=chosen, z_range=z_range, area_m2=area_m2, size_m=size_m, fixed=fixed)
+
+
+def search(scene: Scene, families: Sequence[str], *, may_hide: bool = True, seed: int = 0) -> list[Candidate]:
+    """Candidates with Gaussian noise, the best of each family and way of seeing it, best first."""
+    begun = starts(scene.first, families, scene.z_range, scene.area_m2, seed)
+    risen = _risen(scene, begun)
+    found = [_settled(scene, Layout(family=family), tried) for family, tried in risen.items()]
+    best = min(found, key=lambda c: c.bic)
+    solid = _solid_of(scene, best)
+    found += [solid] if solid is not None and solid.family in families else []
+    if may_hide:
+        plain = min(found, key=lambda c: c.bic)
+        found += [tube for tube in [_tube_of(scene, plain)] if tube is not None and tube.family in families]
+        limit = plain.bic + _MARGIN * len(scene.points) / len(scene.first)
+        explored = [c for c in found if c.bic <= limit or c is solid]
+        for candidate in explored:
+            found += hidden_faces(scene, candidate)
+        if min(c.bic for c in found) < plain.bic - _HIDDEN or _unresolved(plain):
+            for candidate in _half_seen(scene, begun, {c.family for c in explored}):
+                found += hidden_faces(scene, candidate)
+    return sorted(found, key=lambda c: c.bic)
+
+
+def _unresolved(candidate: Candidate, sigmas: float = 0.5) -> bool:
+    """Whether a wall is thinner than so many sigma: then a solid or a section with fewer walls, partly seen, may look the same."""
+    thinnest = min((candidate.layout.get(candidate.theta, wall) for wall in walls(candidate.family)), default=math.inf)
+    return thinnest < sigmas * candidate.layout.sigma(candidate.theta)
+
+
+def _half_seen(scene: Scene, begun: Sequence[Start], done: set[str]) -> list[Candidate]:
+    """Families that all their faces did not explain, each at the start where some of them explain the first points best."""
+    found: list[Candidate] = []
+    for family in dict.fromkeys(s.layout.family for s in begun):
+        if family in done:
+            continue
+        tried = []
+        for start in [s for s in begun if s.layout.family == family][:_STARTS]:
+            model = scene.model(start.layout, "gaussian", None, few=True)
+            weight = np.maximum(snapped(seen_weights(model, start.theta)), 1e-3)
+            model = scene.model(start.layout, "gaussian", weight, few=True)
+            tried += ridge_restarts(model, start.theta, scene.size_m, fixed=scene.held(start.layout), max_iterations=10)[:1]
+        best = max(tried, key=lambda t: t.log_posterior)
+        layout = Layout(family=family)
+        found.append(candidate_of(scene, scene.model(layout, "gaussian", None), best))
+    return found
+
+
+def _risen(scene: Scene, begun: Sequence[Start]) -> dict[str, list[Scored]]:
+    """Per family that may still win on the first points: its optima there, the best first. At least three families are looked at."""
+    by_family: dict[str, list[Start]] = {}
+    for start in begun:
+        by_family.setdefault(start.layout.family, []).append(start)
+    order = sorted(by_family, key=lambda f: by_family[f][0].bic)
+    leader = by_family[order[0]][0].bic
+    found: dict[str, list[Scored]] = {}
+    for rank, family in enumerate(order):
+        is_close = by_family[family][0].bic < leader + _MARGIN
+        if not is_close and rank >= _AT_LEAST:
+            break
+        layout = by_family[family][0].layout
+        few = scene.model(layout, "gaussian", None, few=True)
+        tried: list[Scored] = []
+        for start in by_family[family][: _STARTS if is_close else 1]:
+            if is_close:
+                tried += ridge_restarts(few, start.theta, scene.size_m, fixed=scene.held(layout))[:2]
+            else:
+                tried.append(annealed(few, start.theta, scene.size_m, fixed=scene.held(layout), max_iterations=10, tolerance=0.1))
+        found[family] = sorted(tried, key=lambda s: -s.log_posterior)
+    bic = {f: len(tried[0].theta) * math.log(len(scene.first)) - 2 * tried[0].log_posterior for f, tried in found.items()}
+    return {family: tried for family, tried in found.items() if bic[family] < min(bic.values()) + _MARGIN}
+
+
+def _settled(scene: Scene, layout: Layout, tried: Sequence[Scored]) -> Candidate:
+    """The better of the two best optima of the first points, on all points of the scene."""
+    model = scene.model(layout, "gaussian", None)
+    done = max((annealed(model, s.theta, scene.size_m, fixed=scene.held(layout)) for s in tried[:2]), key=lambda s: s.log_posterior)
+    return candidate_of(scene, model, done)
+
+
+def _solid_of(scene: Scene, best: Candidate) -> Candidate | None:
+    """The bar that fills the outline of the best section: a section whose walls have closed up is one, with fewer unknowns."""
+    solid = {"CHS": "round", "round": None, "rect": None}.get(best.family, "rect")
+    if solid is None:
+        return None
+    layout, old = Layout(family=solid), best.layout
+    theta = np.array([old.get(best.theta, name) for name in layout.names])
+    if solid == "rect":
+        corners = np.concatenate([factors @ old.values(best.theta) for factors in corner_factors(old.family)])
+        low, high = corners.min(0), corners.max(0)
+        roll = old.get(best.theta, "roll")
+        c, s = math.cos(roll), math.sin(roll)
+        middle = np.array([[c, -s], [s, c]]) @ ((low + high) / 2)
+        theta[[layout.place[name] for name in ("b", "t", "cx", "cy")]] = [*(high - low), *(theta[[layout.place["cx"], layout.place["cy"]]] + middle)]
+    model = scene.model(layout, best.noise, None)
+    return candidate_of(scene, model, annealed(model, theta, scene.size_m, fixed=scene.held(layout)))
+
+
+def _tube_of(scene: Scene, bar: Candidate) -> Candidate | None:
+    """The tube that looks like a bar from outside, its wall a usual one: no point tells of it, and as many tubes as bars are seen that way."""
+    tube = {"round": "CHS", "rect": "RHS"}.get(bar.family)
+    if tube is None:
+        return None
+    layout, old = Layout(family=tube), bar.layout
+    theta = np.array([old.get(bar.theta, name) for name in layout.names])
+    largest = float(old.values(bar.theta).max())
+    if largest > _FLATTEST_TUBE * float(old.values(bar.theta).min()):
+        return None
+    if tube == "RHS":
+        theta[layout.place["h"]] = old.get(bar.theta, "t")
+    wall = min(_WALL_MEDIAN * largest, 0.25 * float(old.values(bar.theta).min()))
+    theta[layout.place["t"]] = wall
+    weight = np.array([0.0 if name.endswith("INNER") else 1.0 for name in faces(tube)])
+    model = scene.model(layout, bar.noise, weight)
+    done = climbed(model, theta, scene.size_m, fixed={**scene.held(layout), "t": wall})
+    return candidate_of(scene, model, done, 2 * math.log(2))
+
+
+def _outer_only(family: str, weight: FloatArray) -> bool:
+    """Whether these are the weights of a tube of which no inner face was seen."""
+    inner = [w for name, w in zip(faces(family), weight, strict=True) if name.endswith("INNER")]
+    return family in ("RHS", "CHS") and not any(w > 0 for w in inner)
+
+
+def candidate_of(scene: Scene, model: SectionModel, done: Scored, price: float = 0.0) -> Candidate:
+    """A hypothesis at its optimum; unknowns that the points do not depend on (the wall of a tube seen from outside) cost nothing."""
+    lower, upper = bounds(model.layout, scene.size_m, scene.held(model.layout))
+    n_free = int(((lower < upper) & (np.diag(done.information) > 0)).sum())
+    informed = [wall for wall in walls(model.layout.family) if done.information[model.layout.place[wall], model.layout.place[wall]] > 0]
+    bic = -2 * done.log_posterior + n_free * math.log(len(model.xy)) + price + slenderness_price(model.layout, done.theta, informed)
+    return Candidate(
+        layout=model.layout,
+        theta=done.theta,
+        noise=model.noise,
+        face_weight=model.face_weight,
+        log_likelihood=done.log_likelihood,
+        bic=bic,
+        price=price,
+    )
+
+
+def slenderness_price(layout: Layout, theta: FloatArray, names: Sequence[str]) -> float:
+    """What an implausible wall costs, in BIC units: log(t / largest side) of 2,600 rolled and hollow sections is 0.045 within a factor of two.
+
+    names : the walls that the points tell of. One within the noise is judged at half a sigma: the data do not say that it is thinner.
+    """
+    if not names:
+        return 0.0
+    thinnest = max(min(layout.get(theta, wall) for wall in names), 0.5 * layout.sigma(theta))
+    return (math.log(thinnest / float(layout.values(theta).max()) / _WALL_MEDIAN) / _WALL_SPREAD) ** 2
+
+
+def hidden_faces(scene: Scene, candidate: Candidate) -> list[Candidate]:
+    """The same family with faces unseen: as a set of whole faces, and with every face's density free."""
+    plain = candidate.layout
+    names = faces(plain.family)
+    if len(names) < 2:
+        return []
+    held = scene.held(plain)
+    whole, price = _set_of(scene, candidate)
+    found = []
+    theta = candidate.theta
+    if 0 < whole.sum() < len(whole) and not _outer_only(plain.family, whole):  # the tube from outside is `_tube_of` a bar
+        done = annealed(scene.model(plain, candidate.noise, whole), theta, scene.size_m, fixed=held)
+        found.append(candidate_of(scene, scene.model(plain, candidate.noise, whole), done, price))
+        theta = done.theta if found[0].bic < candidate.bic else theta
+    weight = np.maximum(seen_weights(scene.model(plain, candidate.noise, None), theta), 1e-3)
+    layout = replace(plain, free_faces=free_faces(plain.family, weight))
+    start = np.concatenate([theta, [math.log(weight[names.index(name)] / weight.max()) for name in layout.free_faces]])
+    model = scene.model(layout, candidate.noise, None)
+    found.append(candidate_of(scene, model, annealed(model, start, scene.size_m, fixed=held)))
+    return found
+
+
+def _set_of(scene: Scene, candidate: Candidate) -> tuple[FloatArray, float]:
+    """(f,) 1 for the faces of the likeliest set that sensors can have seen, and its price; any other set where that explains far more."""
+    layout, values = candidate.layout, candidate.layout.values(candidate.theta)
+    model = scene.model(layout, candidate.noise, None)
+    order = faces(layout.family)
+    any_set = snapped(seen_weights(model, candidate.theta))
+    own = tuple(name for name, seen in zip(order, any_set, strict=True) if seen)
+    possible = visible_sets(layout.family, dict(zip(PARAMETERS[layout.family], values.tolist(), strict=True)))
+    price = 2 * math.log(2 * len(possible))  # half of the belief is in a section that was seen whole
+    if not own or own in possible:
+        return any_set, price
+    chosen = likeliest_set(model, candidate.theta, [*possible, own])
+    if chosen.bic[-1] + set_price(layout.family) < chosen.bic[:-1].min() + price:
+        return any_set, set_price(layout.family)
+    best = possible[int(np.argmin(chosen.bic[:-1]))]
+    return np.array([float(name in best) for name in order]), price
+
+
+def near_again(scene: Scene, found: Sequence[Candidate]) -> list[Candidate]:
+    """Candidates that may still win, on the points of another scene, best first."""
+    limit = found[0].bic + _STILL_IN
+    return sorted((with_noise(scene, c, c.noise) for c in found if c.bic < limit), key=lambda c: c.bic)
+
+
+def with_noise(scene: Scene, candidate: Candidate, noise: str) -> Candidate:
+    """The candidate under a law of noise, from its optimum."""
+    model = scene.model(candidate.layout, noise, candidate.face_weight)
+    held = scene.held(candidate.layout)
+    done = climbed(model, candidate.theta, scene.size_m, fixed=held, tolerance=1e-2)
+    if noise != candidate.noise and _unresolved(candidate, _RESOLVED):
+        # wall and noise were traded against each other under the other law: another part of the ridge may be higher now
+        begun = on_the_ridge(candidate.layout, done.theta, held)
+        tried = [climbed(model, theta, scene.size_m, fixed=held, max_iterations=15, tolerance=1e-2) for theta in begun]
+        done = max([done, *tried], key=lambda t: t.log_posterior)
+    law = _LAW_PRICE * (float(noise != "gaussian") - float(candidate.noise != "gaussian"))
+    return candidate_of(scene, model, done, candidate.price + law)
+
+
+def with_likeliest_noise(scene: Scene, found: Sequence[Candidate], laws: tuple[str, ...]) -> tuple[list[Candidate], dict[str, Candidate]]:
+    """Candidates under the law of noise that makes the best of them likeliest, best first; and that best one under every law."""
+    best = found[0]
+    if best.layout.sigma(best.theta) < 2 * _DITHER * sigma_floor(scene.size_m):  # exact points have no law of noise
+        laws = (best.noise,)
+    # a wrong law may make hidden faces look likely: the best hypothesis that saw the section whole has its say on the law
+    whole = next((c for c in found if c.face_weight is None and not c.layout.free_faces), best)
+    trials = [{law: c if law == c.noise else with_noise(scene, c, law) for law in laws} for c in ([best] if whole is best else [best, whole])]
+    tried = min(trials, key=lambda t: min(c.bic for c in t.values()))
+    law = min(tried, key=lambda name: tried[name].bic)
+    known = {id(c): t[law] for c, t in zip((best, whole), trials, strict=False)}
+    near = [c for c in found if c.bic < best.bic + _STILL_IN or c is whole]
+    chosen = [known[id(c)] if id(c) in known else c if c.noise == law else with_noise(scene, c, law) for c in near]
+    return sorted(chosen, key=lambda c: c.bic), tried
+
+
+def posterior(candidates: Sequence[Candidate]) -> dict[str, float]:
+    """Family -> posterior probability, from the BIC of its best hypothesis."""
+    best: dict[str, float] = {}
+    for c in candidates:
+        best[c.family] = min(c.bic, best.get(c.family, math.inf))
+    lowest = min(best.values())
+    weight = {family: math.exp(-0.5 * min(bic - lowest, 1400)) for family, bic in best.items()}
+    total = sum(weight.values())
+    return {family: w / total for family, w in sorted(weight.items(), key=lambda item: -item[1])}

@@ -1,0 +1,63 @@
+"""A fitted member with what the catalogue says: its posterior, and stand-ins for dimensions that the data do not tell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from scan2fea.estimation.catalogue import OTHER, PriorThickness, posterior, prior_thickness
+from scan2fea.estimation.table import Table, shipped_table
+from scan2fea.kernel.sections import PARAMETERS
+from scan2fea.types import CatalogueEntry, Member, Parameter
+
+CATALOGUE = "catalogue"
+
+
+def catalogued(member: Member, table: Table | None = None) -> Member:
+    """The member with `catalogue` filled; dimensions of the section that are not observable take the value of the prior, which one entry names.
+
+    Observed dimensions then are those estimated at the assumed ones. What the user fixed stays. A table without sizes of the family leaves the values
+    as they are. Raises UsageError where no dimension of the section was observed.
+    """
+    names = PARAMETERS[member.family]
+    rows = [k for k, p in enumerate(member.parameters) if p.name in names]
+    values = {member.parameters[k].name: member.parameters[k].value_m for k in rows}
+    known = {member.parameters[k].name: member.parameters[k].observable or member.parameters[k].source == "fixed" for k in rows}
+    covariance = np.asarray(member.covariance, float)[np.ix_(rows, rows)]
+    sizes = shipped_table() if table is None else table
+    entries = posterior(member.family, values, covariance, known, sizes)
+    if all(known.values()) or not sizes.of(member.family):
+        return replace(member, catalogue=entries)
+    prior = prior_thickness(member.family, values, covariance, known, sizes)
+    return replace(_built_with(member, prior, known), catalogue=_with_prior(entries, prior))
+
+
+def _built_with(member: Member, prior: PriorThickness, known: dict[str, bool]) -> Member:
+    parameters = tuple(_moved(p, prior, known) for p in member.parameters)
+    covariance = np.array(member.covariance, float)
+    hidden = [k for k, p in enumerate(parameters) if not known.get(p.name, True)]
+    for k, p in enumerate(parameters):  # conditional standard deviations; correlations stay
+        if k not in hidden and p.std_m is not None and covariance[k, k] > 0:
+            shrink = p.std_m / np.sqrt(covariance[k, k])
+            covariance[k] *= shrink
+            covariance[:, k] *= shrink
+    covariance[hidden], covariance[:, hidden] = 0.0, 0.0
+    return replace(member, parameters=parameters, covariance=covariance)
+
+
+def _moved(p: Parameter, prior: PriorThickness, known: dict[str, bool]) -> Parameter:
+    if p.name not in known or p.source == "fixed":
+        return p
+    if not known[p.name]:
+        return replace(p, value_m=prior.values[p.name], std_m=None, source=CATALOGUE)
+    return replace(p, value_m=prior.values[p.name], std_m=p.std_m if p.std_m is None else min(p.std_m, prior.std_m[p.name]))
+
+
+def _with_prior(entries: tuple[CatalogueEntry, ...], prior: PriorThickness) -> tuple[CatalogueEntry, ...]:
+    """One entry says what the member is built with: the size itself, or "no size of the table" with the size that was scaled."""
+    if any(entry.name == prior.name for entry in entries):
+        return entries
+    told = {entry.name: entry for entry in entries}
+    scaled = replace(told[OTHER], name=f"{OTHER}: {prior.name}", parameters=prior.values)
+    return tuple(scaled if entry.name == OTHER else entry for entry in entries)

@@ -1,0 +1,305 @@
+"""Where a member begins and ends: the z-density near an end is a step blurred by the noise, plus a cap where it was scanned, plus clutter.
+
+Near one end the points are a Poisson process of intensity
+
+    lambda(z) = rho Phi((z - e) / s) + c phi((z - e) / s) / s + b
+
+with rho points per metre of member, c points on the cap, b clutter per metre. Rates are profiled out; the mean and spread of what is left
+as a function of e are the edge and its standard deviation. Where the noise is wide an edge carries the information 0.903 rho / s
+(shape-estimation.md) and that is the spread found; where it is below the spacing the edge is a jump, the spread is 1 / rho, and the mean
+is still the best estimate (Pitman). Whether the cap was scanned is not known: no cap, a cap as dense as the sides (c = rho A / P) and other
+caps are weighed against each other. An end plane that is not square is e = e0 + g . (x, y), taken where BIC
+prefers it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr
+
+from scan2fea.types import FloatArray, Value
+
+_WINDOW = 12.0  # noise widths on either side of an edge that its likelihood looks at: the rates need far more points than the edge itself
+_WINDOW_POINTS = 100  # at least so many points of the member lie in half a window
+_BINS_PER_SIGMA = 8  # binning by s / 8 widens the noise by 1 / 768 of its variance
+_MANY = 150  # more points than this in a window are binned where that costs nothing
+_DROP = 14.0  # what lies this many log units under the best is not integrated over
+_GRID = 41
+_CLUTTER = 0.5  # clutter along the axis is at most this dense against the member: else a chance gap inside it would pass for its end
+_ROUNDS = 12
+_CAP_STEPS = (-2, -1, 1, 2, 3, 4, 5)  # other caps, as powers of two of the expected one: seen worse, seen better
+_PATCH_POINTS = 15
+_ROOT_2PI = math.sqrt(2 * math.pi)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class End(Value):
+    """One end plane: z = position_m + slope . ((x, y) - pivot).
+
+    std_m : of position_m at the pivot (the mean of the points near the end).   slope_std : (2,).   cap_points : points on the cap, expected.
+    excess : how much more the counts along the member scatter than Poisson's (>= 1); std_m is widened by its root.
+    """
+
+    position_m: float
+    std_m: float
+    slope: FloatArray
+    slope_std: FloatArray
+    pivot: FloatArray
+    cap_points: float
+    excess: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Ends(Value):
+    """Both ends, and the length between them along the axis through (0, 0)."""
+
+    low: End
+    high: End
+    length_m: float
+    std_m: float
+
+
+def rough_ends(z: FloatArray) -> tuple[float, float]:
+    """The stretch of z (n,) that the member fills, told from clutter by density: good to about a hundredth of the length.
+
+    The box of two densities of greatest likelihood is widened while what lies beyond is at least a quarter as dense as the median inside.
+    """
+    low, high = (float(v) for v in np.quantile(z, (0.001, 0.999))) if len(z) > 5000 else (float(z.min()), float(z.max()))
+    n_bins = int(np.clip(len(z) // 20, 10, 200))
+    if not high > low:
+        return low, high
+    counts = np.histogram(z, n_bins, (low, high))[0].astype(float)
+    counts = np.minimum(counts, 2 * float(np.median(counts[counts > 0])))  # a scanned cap is a spike, and no member
+    total = np.r_[0.0, np.cumsum(counts)]
+    inside = total[None, :] - total[:, None]
+    width = np.arange(n_bins + 1)[None, :] - np.arange(n_bins + 1)[:, None].astype(float)
+    outside, rest = total[-1] - inside, n_bins - width
+    with np.errstate(divide="ignore", invalid="ignore"):
+        gain = np.where(inside > 0, inside * np.log(inside / width), 0.0) + np.where(outside > 0, outside * np.log(outside / rest), 0.0)
+        denser = inside * rest >= outside * width
+    gain[(width < 2) | ~denser] = -np.inf
+    i, j = np.unravel_index(int(np.argmax(gain)), gain.shape)
+    floor = 0.25 * float(np.median(counts[i:j]))
+    while i > 0 and counts[max(i - 2, 0) : i].mean() >= floor > 0:
+        i -= 1
+    while j < n_bins and counts[j : j + 2].mean() >= floor > 0:
+        j += 1
+    step = (high - low) / n_bins
+    return float(low + i * step), float(low + j * step)
+
+
+def find_ends(points: FloatArray, sigma_m: float, rough: tuple[float, float], cap_ratio_m: float = 0.0) -> Ends:
+    """The two end planes from (n, 3) points in the member's frame (axis along z, bow removed, clutter off the section left out).
+
+    sigma_m : noise along z.   rough : the ends to about a few per cent of the length.   cap_ratio_m : area over perimeter of the section,
+    0 where not known.
+    """
+    low = _end(points, rough, sigma_m, cap_ratio_m)
+    mirrored = points * np.array([1.0, 1.0, -1.0])
+    turned = _end(mirrored, (-rough[1], -rough[0]), sigma_m, cap_ratio_m)
+    high = dataclasses.replace(turned, position_m=-turned.position_m, slope=-turned.slope)
+    at_axis = [end.position_m - float(end.slope @ end.pivot) for end in (low, high)]
+    var = [end.std_m**2 + float(((end.slope_std * end.pivot) ** 2).sum()) for end in (low, high)]
+    return Ends(low=low, high=high, length_m=at_axis[1] - at_axis[0], std_m=math.sqrt(sum(var)))
+
+
+def _end(points: FloatArray, rough: tuple[float, float], sigma_m: float, cap_ratio_m: float) -> End:
+    """The end at the low side of z."""
+    z, none = points[:, 2], np.zeros(2)
+    span = rough[1] - rough[0]
+    inside = (z > rough[0] + 0.05 * span) & (z < rough[1] - 0.05 * span)
+    density = max(float(inside.sum()), 1.0) / (0.9 * span)
+    excess = _excess(z[inside], rough[0] + 0.05 * span, rough[1] - 0.05 * span)
+    s = max(sigma_m, 1e-3 / density)
+    near = np.abs(z - rough[0]) < min(0.4 * span, max(2 * _WINDOW * s, 5 * _WINDOW_POINTS / density, 0.06 * span))
+    xy, z = points[near, :2], z[near]
+    if len(z) < 8:
+        pivot = xy.mean(axis=0) if len(z) else none
+        return End(position_m=rough[0], std_m=0.05 * span, slope=none, slope_std=none, pivot=pivot, cap_points=0.0, excess=excess)
+    pivot = xy.mean(axis=0)
+    reach = max(_WINDOW * s, _WINDOW_POINTS / density)
+    fit = _square(z, s, reach, rough[0], cap_ratio_m)
+    slope, slope_std = none, none
+    for _ in range(2):  # the second time from points slid along the plane, whose edge is sharp
+        tilted = _slopes(xy - pivot, z - (xy - pivot) @ slope, s, fit) if len(z) >= 9 * _PATCH_POINTS else None
+        if tilted is None:
+            break
+        slope, slope_std = slope + tilted[0], np.sqrt(np.diag(tilted[1]))
+        fit = _square(z - (xy - pivot) @ slope, s, reach, rough[0], cap_ratio_m)
+    std = fit.std * math.sqrt(excess)
+    return End(position_m=fit.edge, std_m=std, slope=slope, slope_std=slope_std, pivot=pivot, cap_points=fit.cap, excess=excess)
+
+
+def _excess(z: FloatArray, low: float, high: float) -> float:
+    """Variance over mean of the counts in some 50 equal stretches, slow changes of density taken out; 1 where chance explains it."""
+    n_bins = int(np.clip(len(z) // 20, 1, 50))
+    if n_bins < 8:
+        return 1.0
+    counts = np.histogram(z, n_bins, (low, high))[0]
+    wiggle = (counts[1:-1] - 0.5 * (counts[:-2] + counts[2:])) / math.sqrt(1.5)
+    ratio = float((wiggle**2).mean() / max(counts.mean(), 1e-9))
+    return ratio if ratio > 1 + 4 * math.sqrt(2 / n_bins) else 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Fit:
+    """An edge, its standard deviation, and the rates that go with it in `window`."""
+
+    edge: float
+    std: float
+    rho: float
+    cap: float
+    clutter: float
+    window: tuple[float, float]
+    log_likelihood: float
+
+
+def _square(z: FloatArray, s: float, reach: float, near: float, ratio: float | None) -> _Fit:
+    """The edge of a square end: found roughly among all points, then from a window of `reach` around it, twice."""
+    low, high = float(z.min()), float(z.max())
+    at, weight = _binned(z, (low - s, high), (high - low) / 300)
+    candidates = np.unique(np.quantile(z, np.linspace(0.0, 0.7, 80)))
+    wide = max(s, (high - low) / 300)
+    edge = float(candidates[int(np.argmax(_profile(at, weight, (low - s, high), wide, candidates, 0.0)[0]))])
+    fit = None
+    for width in (max(reach, 4 * wide), reach):
+        window = (edge - width, edge + width)
+        own = z[(z > window[0]) & (z < window[1])]
+        if len(own) < 8:
+            break
+        fit = _posterior(own, window, s, ratio)
+        edge = fit.edge
+    return fit if fit is not None else _Fit(edge=near, std=reach, rho=len(z) / reach, cap=0.0, clutter=0.0, window=(low, high), log_likelihood=0.0)
+
+
+def _binned(z: FloatArray, window: tuple[float, float], width: float) -> tuple[FloatArray, FloatArray]:
+    n_bins = math.ceil((window[1] - window[0]) / width)
+    if len(z) <= _MANY or n_bins > len(z):
+        return z, np.ones(len(z))
+    counts = np.histogram(z, n_bins, window)[0].astype(float)
+    centre = window[0] + (np.arange(n_bins) + 0.5) * (window[1] - window[0]) / n_bins
+    return centre[counts > 0], counts[counts > 0]
+
+
+def _terms(at: FloatArray, edge: FloatArray | float, s: float) -> tuple[FloatArray, FloatArray]:
+    v = (at - edge) / s
+    return ndtr(v), np.exp(-0.5 * v * v) / (_ROOT_2PI * s)
+
+
+def _mass(window: tuple[float, float], edge: FloatArray, s: float) -> FloatArray:
+    """Integral of Phi((z - edge) / s) over the window."""
+    a, b = (window[0] - edge) / s, (window[1] - edge) / s
+    grown = b * ndtr(b) - a * ndtr(a) + (np.exp(-0.5 * b * b) - np.exp(-0.5 * a * a)) / _ROOT_2PI
+    return np.asarray(np.maximum(s * grown, 1e-9 * s))
+
+
+def _profile(
+    at: FloatArray, weight: FloatArray, window: tuple[float, float], s: float, edges: FloatArray, ratio: float
+) -> tuple[FloatArray, FloatArray]:
+    """(g,) greatest log-likelihood over the rates at each edge, and the rates (3, g): rho, c, b. The cap holds `ratio` (metres) times rho.
+
+    The expected number of points is their number at the maximum, so that one unknown is left: the share q of clutter. The likelihood is
+    concave in it; Newton's steps are kept inside a bracket.
+    """
+    step, bell = _terms(at[None, :], edges[:, None], s)
+    span, n = window[1] - window[0], float(weight.sum())
+    mass = _mass(window, edges, s) + ratio
+    member = (step + ratio * bell) / mass[:, None]
+    tilt = 1 / span - member
+    most = _CLUTTER * span / mass
+    low, high = np.zeros(len(edges)), most / (1 + most)
+    q = np.minimum(0.02, 0.5 * high)
+    for _ in range(_ROUNDS):
+        back = tilt / np.maximum(member + q[:, None] * tilt, 1e-300)
+        slope, bend = back @ weight, (back * back) @ weight
+        low, high = np.where(slope > 0, q, low), np.where(slope > 0, high, q)
+        trial = q + slope / np.maximum(bend, 1e-300)
+        q = np.where((trial > low) & (trial < high), trial, np.where(slope > 0, 0.5 * (low + high), 0.1 * high))
+    level = np.log(np.maximum(member + q[:, None] * tilt, 1e-300)) @ weight
+    rho = n * (1 - q) / mass
+    return level + n * math.log(n) - n, np.stack([rho, ratio * rho, n * q / span])
+
+
+def _posterior(z: FloatArray, window: tuple[float, float], s: float, ratio: float | None) -> _Fit:
+    """Mean and spread of the edge over a flat prior: no cap and a cap as dense as the sides equally likely, other caps a tenth together.
+
+    ratio : None leaves caps out of account.
+    """
+    at, weight = _binned(z, window, s / _BINS_PER_SIGMA)
+    if ratio is None:
+        return _spread(at, weight, window, s, 0.0, -math.inf)
+    unit = ratio if ratio > 0 else s
+    ratios = [0.0, unit] + [unit * 2.0**k for k in _CAP_STEPS]
+    prior = np.log([0.45, 0.45] + [0.1 / len(_CAP_STEPS)] * len(_CAP_STEPS))
+    found: list[_Fit] = []
+    best_so_far = -math.inf
+    for kind in ratios:
+        found.append(_spread(at, weight, window, s, kind, best_so_far - 2 * _DROP))
+        best_so_far = max(best_so_far, found[-1].log_likelihood)
+    level = np.array([fit.log_likelihood for fit in found]) + prior
+    share = np.exp(level - level.max())
+    share /= share.sum()
+    edge = float(sum(p * fit.edge for p, fit in zip(share, found, strict=True)))
+    var = float(sum(p * (fit.std**2 + (fit.edge - edge) ** 2) for p, fit in zip(share, found, strict=True)))
+    best = found[int(np.argmax(share))]
+    return dataclasses.replace(best, edge=edge, std=math.sqrt(var))
+
+
+def _spread(at: FloatArray, weight: FloatArray, window: tuple[float, float], s: float, ratio: float, floor: float) -> _Fit:
+    """Zoom a grid of edges onto where the likelihood lies, then integrate. Its log-likelihood is that of the best edge times its spread.
+
+    A hypothesis that starts below `floor` is not followed.
+    """
+    candidates = np.unique(np.r_[np.linspace(*window, _GRID), at[:: max(1, len(at) // 200)]])
+    for _ in range(12):
+        level, rates = _profile(at, weight, window, s, candidates, ratio)
+        best = int(np.argmax(level))
+        alive = np.flatnonzero(level > level[best] - _DROP)
+        low, high = candidates[max(alive[0] - 1, 0)], candidates[min(alive[-1] + 1, len(candidates) - 1)]
+        if len(alive) > 0.4 * len(candidates) or level[best] < floor:
+            break
+        candidates = np.unique(np.r_[np.linspace(low, high, _GRID), candidates[best]])  # a needle must not fall between
+    spread = np.gradient(candidates)
+    mass = np.exp(level - level[best]) * spread
+    edge = float(mass @ candidates / mass.sum())
+    std = math.sqrt(float(mass @ (candidates - edge) ** 2 / mass.sum()))
+    rho, cap, clutter = (float(v) for v in rates[:, best])
+    evidence = float(level[best]) + math.log(max(float(mass.sum()), 1e-300) / s)
+    return _Fit(edge=edge, std=std, rho=rho, cap=cap, clutter=clutter, window=window, log_likelihood=evidence)
+
+
+def _slopes(xy: FloatArray, z: FloatArray, s: float, fit: _Fit) -> tuple[FloatArray, FloatArray] | None:
+    """Slopes (2,) and their covariance: a plane through the edges of nine patches of the section. None where it is not significantly tilted.
+
+    Each patch's edge comes with its own spread, so that chi-square tells; against BIC's price and three log units because all ends are tried.
+    """
+    code = np.zeros(len(xy), int)
+    for axis in (0, 1):
+        code = 3 * code + np.searchsorted(np.quantile(xy[:, axis], (0.33, 0.67)), xy[:, axis])
+    rows = []
+    for c in range(9):
+        own = code == c
+        if own.sum() >= _PATCH_POINTS:
+            reach = max(_WINDOW * s, _WINDOW_POINTS / (fit.rho * float(own.mean()) + 1e-30))
+            edge = _square(z[own], s, reach, fit.edge, None)
+            rows.append([1.0, *xy[own].mean(axis=0), edge.edge, edge.std])
+    table = np.array(rows)
+    if len(table) < 4:
+        return None
+    scatter = table[:, 3] - np.median(table[:, 3])
+    sound = np.abs(scatter) < 4 * np.median(np.abs(scatter)) + 4 * table[:, 4]
+    table = table[sound]
+    design, weight = table[:, :3], 1 / table[:, 4] ** 2
+    information = (design * weight[:, None]).T @ design
+    if len(table) < 4 or not np.linalg.cond(information * np.outer(*[1 / np.sqrt(np.diag(information))] * 2)) < 1e4:
+        return None
+    covariance = np.linalg.inv(information)
+    plane = covariance @ (design.T @ (weight * table[:, 3]))
+    misfit = float(weight @ (table[:, 3] - design @ plane) ** 2) / (len(table) - 3)
+    covariance = covariance * max(misfit, 1.0)
+    gain = 0.5 * float(plane[1:] @ np.linalg.solve(covariance[1:, 1:], plane[1:]))
+    return (plane[1:], covariance[1:, 1:]) if gain > math.log(max(len(z), 2)) + 3 else None

@@ -1,0 +1,356 @@
+"""Whether a member explains the points within their noise: not by the rms alone, which a wrong shape with wide noise also brings down.
+
+Four figures, each with what it is measured against:
+
+    pattern   The points are dealt to cells of the member's surface (stretches of the outline x stretches of the length). Noise averages out in a
+              cell, a wrong shape does not. What the model itself would show in the same cell (walls as thin as the noise pull the nearest face
+              about) is taken from points drawn from it.
+    strays    Points off the surface by more than noise. Clutter is thin and anywhere; a second body, a stiffener or a dome is a crowd.
+    voids     Empty places enclosed in a face that was seen all around: holes. (What lies open to the rim of a face may simply be hidden.)
+    noise     The scatter around the member against the scatter of neighbouring points around their own surface.
+
+A departure that mill tolerances allow is none: 1 % of the section's size (EN 10034, EN 10056-2, EN 10210-2 allow that much and more).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from scipy.spatial import cKDTree
+from scipy.stats import chi2
+
+from scan2fea.estimation.swept import sweep_of_member
+from scan2fea.kernel.noise import noise_sigma, sampled_rows
+from scan2fea.kernel.sections import section, section_area
+from scan2fea.types import BoolArray, FloatArray, IntArray, Member, Section, Value
+
+TOLERANCE = 0.01  # of the section's size: mill tolerances
+MAX_OFF = 0.1  # share of the points in cells that are off: an unmodelled fillet or a dent, not another shape
+MAX_CROWD = 0.05  # share of the points that crowd off the surface
+MAX_CLUTTER = 0.3  # share of the points off the surface altogether
+MAX_EXCESS = 0.5  # of mill tolerance: noise of the member beyond that of its neighbours
+MAX_PATTERN = 0.1  # of the noise, where neighbours do not tell it
+MIN_SLENDER = 1.0  # length over the width of the section
+_POINTS = 60_000
+_CELL_POINTS = 15
+_STRAY = 4.0
+_FACES_OFF = 24  # stretches of the outline, about
+_SE = 4.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Explanation(Value):
+    """explains, reason : the verdict.   off_share : of the points in cells that are off.   pattern_m : rms of what is not noise, over the cells.
+    p_value : of the cells' chi-square (strict: dense scans always fail it).   rms_m : of the distance to the surface, strays left out.
+    stray_share, crowd_share : of the points.   voids : number of holes.   noise_excess : fitted noise beyond the scatter of neighbours (root of the
+    difference of squares) over mill tolerance, nan where neighbours do not tell.   pattern_share : pattern over noise.
+    slenderness : length over the greater width of the section.   seen : face -> share of it that points support.
+    cells : number of cells that were tested.
+    """
+
+    explains: bool
+    reason: str
+    off_share: float
+    pattern_m: float
+    p_value: float
+    rms_m: float
+    stray_share: float
+    crowd_share: float
+    voids: int
+    noise_excess: float
+    pattern_share: float
+    slenderness: float
+    seen: Mapping[str, float]
+    cells: int
+
+
+def explanation(points: FloatArray, member: Member, sigma_m: float, seed: int = 0, *, along_rays: bool = False) -> Explanation:
+    """Test the member against the points (n, 3) it was fitted to.
+
+    along_rays : sigma_m is the noise of the range: across a face seen aslant it is less, and the cells show that as a pattern.
+    """
+    values = member.values()
+    shape = section(member.family, values)
+    corners = np.concatenate(shape.loops)
+    size = float(np.linalg.norm(np.ptp(corners, axis=0)))
+    width = float(np.ptp(corners, axis=0).max())
+    some = points[sampled_rows(len(points), _POINTS, seed)]
+    local = sweep_of_member(member).coordinates(some)
+    surface = _Surface.of(shape, member, local)
+    reach = _STRAY * sigma_m + TOLERANCE * size
+    stray = np.abs(surface.distance) > reach
+    crowd = _crowd(local, stray, size)
+    side = ~stray & ~surface.on_cap
+    cells = _cells(surface, side, shape, values["length"], sigma_m, size, seed, 1.0 if along_rays else 0.5)
+    seen, voids = _occupied(surface, side, shape, values["length"], size)
+    near = some[~stray]
+    local_sigma = noise_sigma(near, seed=seed) if len(near) >= 50 else math.nan
+    rms = float(np.sqrt(np.mean(surface.distance[~stray] ** 2))) if (~stray).any() else math.nan
+    excess = math.sqrt(max(sigma_m**2 - local_sigma**2, 0.0)) / (TOLERANCE * size) if math.isfinite(local_sigma) else math.nan
+    figures = {
+        "off_share": cells.off_share,
+        "pattern_m": cells.pattern_m,
+        "p_value": cells.p_value,
+        "rms_m": rms,
+        "stray_share": float(stray.mean()),
+        "crowd_share": float(crowd.mean()),
+        "noise_excess": excess,
+        "pattern_share": cells.pattern_m / sigma_m,
+        "slenderness": values["length"] / width,
+    }
+    reason = _reason(figures, voids, member, along_rays)
+    return Explanation(explains=not reason, reason=reason or _praise(figures, member), voids=voids, seen=seen, cells=cells.n, **figures)
+
+
+def _reason(f: Mapping[str, float], voids: int, member: Member, along_rays: bool) -> str:
+    """Why the member does not explain the points; empty where it does."""
+    what = f"a {member.family} member"
+    if f["slenderness"] < MIN_SLENDER and member.family != "rect":
+        return f"{what} would be shorter than its section is wide (length / width {f['slenderness']:.2f}): no member, or only a piece of one"
+    if _is_degenerate(member):
+        return f"the likeliest section, {what}, has one wall that fills it and one of no thickness: several bodies in one cluster? segment first"
+    if f["crowd_share"] > MAX_CROWD:
+        return (
+            f"{100 * f['crowd_share']:.0f} % of the points crowd off {what} (limit {100 * MAX_CROWD:.0f} %): a second body in one cluster, "
+            "or another shape; segment it, or leave it to reconstruction"
+        )
+    if f["stray_share"] > MAX_CLUTTER:
+        return f"{100 * f['stray_share']:.0f} % of the points lie off {what} (limit {100 * MAX_CLUTTER:.0f} %)"
+    if f["off_share"] > MAX_OFF:
+        return (
+            f"{100 * f['off_share']:.0f} % of the points (limit {100 * MAX_OFF:.0f} %) lie where the surface departs from {what} by more than noise "
+            f"and mill tolerance; the pattern has an rms of {1e3 * f['pattern_m']:.3g} mm"
+        )
+    if f["noise_excess"] > MAX_EXCESS and not along_rays:
+        return (
+            f"the points scatter about {what} by more than about their neighbours: {f['noise_excess']:.2f} of mill tolerance "
+            f"(limit {MAX_EXCESS:g}); it is another shape, or several"
+        )
+    max_pattern = MAX_PATTERN * (3 if along_rays else 1)
+    if math.isnan(f["noise_excess"]) and f["pattern_share"] > max_pattern:
+        return (
+            f"the noise is too wide to be told from shape, and {100 * f['pattern_share']:.0f} % of it (limit {100 * max_pattern:.0f} %) "
+            f"is pattern about {what}"
+        )
+    if voids:
+        return f"{voids} hole{'s' if voids > 1 else ''} in faces that were seen all around: {what} has none"
+    return ""
+
+
+def _is_degenerate(member: Member) -> bool:
+    """Whether one wall of the section fills it while another has closed up: no section that is made, but what two members side by side show."""
+    values = member.values()
+    if member.family not in ("I", "C", "T"):
+        return False
+    fills = max(values["tw"] / values["b"], values["tf"] / values["h"])
+    return fills > 0.5 and min(values["tw"], values["tf"]) < 0.05 * max(values["tw"], values["tf"])
+
+
+def _praise(f: Mapping[str, float], member: Member) -> str:
+    return (
+        f"a {member.family} member explains {100 * (1 - f['stray_share']):.1f} % of the points with an rms of {1e3 * f['rms_m']:.3g} mm; "
+        f"{100 * f['off_share']:.1f} % of them lie where it is off by more than noise and mill tolerance"
+    )
+
+
+def has_closed_caps(points: FloatArray, member: Member, sigma_m: float) -> bool:
+    """Whether the ends of a hollow section are closed: points in its opening, at its end planes, at least a third as dense as on its sides."""
+    shape = section(member.family, member.values())
+    if len(shape.loops) < 2:
+        return False
+    local = sweep_of_member(member).coordinates(points)
+    opening = Section(family=shape.family, loops=(shape.loops[1][::-1],), face_names=(shape.face_names[1],))
+    reach = _STRAY * sigma_m
+    inside = outline_distance(opening, local[:, :2])[0] < -reach
+    length = member.values()["length"]
+    ends = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, length]])
+    at_end = np.stack([np.abs((local - end) @ normal) < reach for end, normal in zip(ends, member.end_normals, strict=True)], 1)
+    corners = shape.loops[1]
+    width = np.maximum(np.ptp(corners, axis=0) - 2 * reach, 0.0)
+    fill = abs(float(section_area(opening))) / float(np.prod(np.ptp(corners, axis=0)))
+    perimeter = float(np.linalg.norm(np.roll(shape.loops[0], -1, axis=0) - shape.loops[0], axis=1).sum())
+    per_area = len(points) / (perimeter * length)
+    expected = per_area * fill * float(np.prod(width))
+    return bool((inside[:, None] & at_end).sum(axis=0).max() > max(10.0, expected / 3))
+
+
+def outline_distance(shape: Section, xy: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Signed distance (n,) of points (n, 2) to the outline, negative inside; the nearest edge (n,) over all loops, and how far along it (n,) m."""
+    best, edge, along = np.full(len(xy), np.inf), np.zeros(len(xy), np.int64), np.zeros(len(xy))
+    odd = np.zeros(len(xy), bool)
+    number = 0
+    for loop in shape.loops:
+        for a, b in zip(loop, np.roll(loop, -1, axis=0), strict=True):
+            way = b - a
+            length = float(np.linalg.norm(way))
+            t = np.clip((xy - a) @ way / length**2, 0.0, 1.0)
+            away = xy - a - t[:, None] * way
+            d = np.einsum("ij,ij->i", away, away)
+            closer = d < best
+            best[closer], edge[closer], along[closer] = d[closer], number, t[closer] * length
+            if a[1] != b[1]:
+                straddles = (a[1] > xy[:, 1]) != (b[1] > xy[:, 1])
+                odd ^= straddles & (xy[:, 0] < a[0] + (xy[:, 1] - a[1]) * (b[0] - a[0]) / (b[1] - a[1]))
+            number += 1
+    distance = np.sqrt(best)
+    return np.where(odd, -distance, distance), edge, along
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Surface:
+    """Per point: signed distance to the solid's surface, nearest edge and place along it, height; whether an end plane is nearer than the sides."""
+
+    distance: FloatArray
+    edge: IntArray
+    along: FloatArray
+    z: FloatArray
+    on_cap: BoolArray
+
+    @classmethod
+    def of(cls, shape: Section, member: Member, local: FloatArray) -> _Surface:
+        side, edge, along = outline_distance(shape, local[:, :2])
+        ends = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, member.values()["length"]]])
+        beyond = np.stack([(local - end) @ normal for end, normal in zip(ends, member.end_normals, strict=True)], 1).max(axis=1)
+        both = (side > 0) & (beyond > 0)
+        distance = np.where(both, np.hypot(side, beyond), np.maximum(side, beyond))
+        return cls(distance=distance, edge=edge, along=along, z=local[:, 2], on_cap=beyond > side)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Cells:
+    off_share: float
+    pattern_m: float
+    p_value: float
+    n: int
+
+
+def _stretches(shape: Section) -> tuple[FloatArray, IntArray]:
+    """(edges,) stretches each edge is cut into, and the number of the first of each; the chords of a circle are taken together."""
+    lengths = np.concatenate([np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1) for loop in shape.loops])
+    step = lengths.sum() / _FACES_OFF
+    count = np.maximum(np.round(lengths / step), 1)
+    if len(lengths) > 2 * _FACES_OFF:  # a circle: neighbouring chords share a stretch
+        return np.ones(len(lengths)), np.floor(np.cumsum(lengths) / step - 1e-9).astype(np.int64)
+    return count, np.r_[0, np.cumsum(count)[:-1]].astype(np.int64)
+
+
+def _stretch_of(shape: Section, edge: IntArray, along: FloatArray) -> IntArray:
+    lengths = np.concatenate([np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1) for loop in shape.loops])
+    count, first = _stretches(shape)
+    part = np.minimum((along / lengths[edge] * count[edge]).astype(np.int64), count[edge].astype(np.int64) - 1)
+    return np.asarray(first[edge] + part)
+
+
+def _cells(surface: _Surface, side: BoolArray, shape: Section, length: float, sigma: float, size: float, seed: int, allowed: float) -> _Cells:
+    if side.sum() < 2 * _CELL_POINTS:
+        return _Cells(off_share=1.0, pattern_m=math.nan, p_value=0.0, n=0)
+    stretch = _stretch_of(shape, surface.edge[side], surface.along[side])
+    count, first = _stretches(shape)
+    n_stretch = int((first + count).max())
+    n_z = int(np.clip(side.sum() / (n_stretch * 2 * _CELL_POINTS), 1, min(max(round(4 * length / size), 4), 24)))
+    slot = np.clip((surface.z[side] / length * n_z).astype(np.int64), 0, n_z - 1)
+    cell = stretch * n_z + slot
+    distance = surface.distance[side]
+    n = np.bincount(cell, minlength=n_stretch * n_z).astype(float)
+    total = np.bincount(cell, distance, minlength=len(n))
+    square = np.bincount(cell, distance**2, minlength=len(n))
+    mean = total / np.maximum(n, 1)
+    var = np.maximum(square / np.maximum(n, 1) - mean**2, 0.0) * n / np.maximum(n - 1, 1)
+    expected = _expected(shape, stretch, sigma, n_stretch, seed)
+    away = mean - np.repeat(expected, n_z)
+    good = n >= _CELL_POINTS
+    if not good.any():
+        return _Cells(off_share=0.0, pattern_m=0.0, p_value=1.0, n=0)
+    se2 = np.maximum(var, 1e-24 + (1e-9 * size) ** 2)[good] / n[good]
+    z2 = away[good] ** 2 / se2
+    tolerance = max(TOLERANCE * size, allowed * sigma)
+    off = (z2 > _SE**2) & (np.abs(away[good]) > tolerance)
+    pattern = math.sqrt(max(float((n[good] * (away[good] ** 2 - se2)).sum() / n[good].sum()), 0.0))
+    return _Cells(
+        off_share=float(n[good][off].sum() / n[good].sum()), pattern_m=pattern, p_value=float(chi2.sf(z2.sum(), len(z2))), n=int(good.sum())
+    )
+
+
+def _expected(shape: Section, stretch: IntArray, sigma: float, n_stretch: int, seed: int) -> FloatArray:
+    """(n_stretch,) mean distance that points of the model itself show in each stretch: seen as the data were, scattered by sigma."""
+    rng = np.random.default_rng([seed, 7])
+    start = np.concatenate(shape.loops)
+    way = np.concatenate([np.roll(loop, -1, axis=0) - loop for loop in shape.loops])
+    lengths = np.linalg.norm(way, axis=1)
+    n = 400 * n_stretch
+    edge = rng.choice(len(lengths), n, p=lengths / lengths.sum())
+    t = rng.random(n)
+    true = _stretch_of(shape, edge, t * lengths[edge])
+    weight = np.bincount(stretch, minlength=n_stretch) / np.maximum(np.bincount(true, minlength=n_stretch), 1)
+    xy = start[edge] + t[:, None] * way[edge] + sigma * rng.standard_normal((n, 2))
+    distance, edge, along = outline_distance(shape, xy)
+    shown = _stretch_of(shape, edge, along)
+    w = weight[true]
+    mass = np.bincount(shown, w, minlength=n_stretch)
+    return np.asarray(np.bincount(shown, w * distance, minlength=n_stretch) / np.maximum(mass, 1e-300))
+
+
+def _crowd(local: FloatArray, stray: BoolArray, size: float) -> BoolArray:
+    """Strays with far more strays about them than the same number spread evenly over the box of all points would give them."""
+    crowd = np.zeros(len(local), bool)
+    rows = np.flatnonzero(stray)
+    if len(rows) < 10:
+        return crowd
+    box = float(np.prod(np.maximum(np.ptp(local, axis=0), 1e-3 * size)))
+    k = 8
+    tree = cKDTree(local[rows])
+    distance = np.asarray(tree.query(local[rows], k=min(k + 1, len(rows)))[0])[:, -1]
+    expected = len(rows) * (4 / 3 * math.pi * distance**3) / box
+    crowd[rows] = chi2.cdf(2 * expected, 2 * k) < 1e-3
+    return crowd
+
+
+def _occupied(surface: _Surface, side: BoolArray, shape: Section, length: float, size: float) -> tuple[Mapping[str, float], int]:
+    """Per face the share of its cells that hold points, and the number of holes: empty cells enclosed by full ones on one face."""
+    names = [name for loop in shape.face_names for name in loop]
+    lengths = np.concatenate([np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1) for loop in shape.loops])
+    before = np.r_[0.0, np.cumsum(lengths)[:-1]]
+    seen: dict[str, float] = {}
+    voids = 0
+    for name in dict.fromkeys(names):
+        own_edges = [i for i, other in enumerate(names) if other == name]
+        width = float(lengths[own_edges].sum())
+        offset = before[own_edges[0]]
+        own = side & np.isin(surface.edge, own_edges)
+        s = before[surface.edge[own]] + surface.along[own] - offset
+        share, holes = _face(s, surface.z[own], width, length, int(side.sum()) * width / float(lengths.sum()))
+        seen[name] = share
+        voids += holes
+    return seen, voids
+
+
+def _face(s: FloatArray, z: FloatArray, width: float, length: float, expected: float) -> tuple[float, int]:
+    if len(s) < 4:
+        return 0.0, 0
+    count = max(min(expected, max(len(s), 0.1 * expected)) / 6, 1.0)  # six points a cell on average: an empty one is a chance of 1 in 400
+    cell = max(math.sqrt(width * length / count), 1e-12)
+    n_s, n_z = max(round(width / cell), 1), max(min(round(length / cell), 2000), 1)
+    i = np.clip((s / width * n_s).astype(int), 0, n_s - 1)
+    j = np.clip((z / length * n_z).astype(int), 0, n_z - 1)
+    counts = np.bincount(i * n_z + j, minlength=n_s * n_z).reshape(n_s, n_z)
+    share = float((counts > 0).mean())
+    if min(n_s, n_z) < 4:
+        return share, 0
+    label, n_regions = ndimage.label(counts == 0)
+    rim = np.unique(np.r_[label[0], label[-1], label[:, 0], label[:, -1]])
+    holes = 0
+    for region in range(1, n_regions + 1):
+        if region in rim:
+            continue
+        inside = label == region
+        around = ndimage.binary_dilation(inside, iterations=1) & ~inside
+        if inside.sum() * float(counts[around].mean()) > _VOID_POINTS and inside.sum() >= 4:
+            holes += 1
+    return share, holes
+
+
+_VOID_POINTS = 25.0  # points that the density around a hole foretells for it: none by chance in 1e-11

@@ -1,0 +1,147 @@
+"""The catalogue: probabilities that leave room for sizes outside the table, priors that are named, tables of users."""
+
+import numpy as np
+import pytest
+
+from estimation.made import made
+from scan2fea.errors import InputError, UsageError
+from scan2fea.estimation.catalogue import OTHER, posterior, prior_thickness
+from scan2fea.estimation.catalogued import catalogued
+from scan2fea.estimation.table import parse_table, read_table, shipped_table
+from scan2fea.kernel.outline import outline, outline_area
+from scan2fea.types import Parameter
+
+TABLE = shipped_table()
+
+
+def asked(family, values, std, hidden=()):
+    covariance = np.diag(np.square(std))
+    return posterior(family, values, covariance, {name: name not in hidden for name in values}, TABLE)
+
+
+def test_shipped_table_is_sound():
+    assert len(TABLE.shapes) == 2851
+    assert {shape.family for shape in TABLE.shapes} == {"L", "I", "C", "T", "RHS", "CHS", "rect", "round"}
+    assert len({shape.name for shape in TABLE.shapes}) == len(TABLE.shapes)
+    he = TABLE.named("he 140a")
+    assert he is not None and dict(he.parameters) == pytest.approx({"h": 0.133, "b": 0.14, "tw": 0.0055, "tf": 0.0085})
+    assert outline_area(outline("I", he.parameters, he.root_radius_m)) == pytest.approx(3141.6e-6, rel=1e-4)
+
+
+def test_the_beam_of_the_thesis_is_not_snapped():
+    """L5x5x1/4 is not in the table; L5X5X5/16 is its nearest."""
+    entries = asked("L", {"a": 0.127, "b": 0.127, "t": 0.00635}, (1e-4, 1e-4, 1e-4))
+    assert entries[0].name == "L 127 x 127, another thickness" and entries[0].probability > 0.98
+    assert entries[0].parameters["t"] == 0.00635
+    assert sum(e.probability for e in entries if e.name.startswith("L5X5X")) < 1e-3
+
+
+@pytest.mark.parametrize("name", ["L5X3-1/2X1/4", "HE 140 A", "W8X31", "TRON 101x10", "UPN 140", "TCAR 100x10", "TEAE 80x9"])
+def test_a_size_of_the_table_is_found_within_mill_tolerances(name):
+    shape = TABLE.named(name)
+    rng = np.random.default_rng(1)
+    for _ in range(5):
+        values = {k: v * (1 + 0.003 * rng.normal()) for k, v in shape.parameters.items()}
+        entries = asked(shape.family, values, [1e-4] * len(values))
+        assert shape.name in [e.name for e in entries[:3]]
+
+
+def test_order_of_legs_carries_nothing():
+    std = (1e-4, 1e-4, 1e-4)
+    one = asked("L", {"a": 0.127, "b": 0.0889, "t": 0.00635}, std)
+    other = asked("L", {"a": 0.0889, "b": 0.127, "t": 0.00635}, std)
+    assert one[0].name == other[0].name == "L5X3-1/2X1/4"
+    assert one[0].probability == pytest.approx(other[0].probability, rel=1e-9)
+    assert other[0].parameters["b"] == pytest.approx(0.127)
+
+
+def test_probabilities_add_up_and_nothing_fits_an_odd_size():
+    entries = asked("I", {"h": 0.2777, "b": 0.0555, "tw": 0.019, "tf": 0.004}, (1e-4,) * 4)
+    assert entries[0].name == OTHER and entries[0].probability > 0.999
+    for hidden in ((), ("tw",), ("tw", "tf")):
+        entries = asked("I", {"h": 0.133, "b": 0.14, "tw": 0.0055, "tf": 0.0085}, (1e-3,) * 4, hidden)
+        assert sum(e.probability for e in entries) == pytest.approx(1, abs=0.01)  # sizes under a thousandth are not listed
+
+
+def test_hidden_thickness_leaves_all_siblings_alike():
+    entries = asked("L", {"a": 0.127, "b": 0.127, "t": 0.0185}, (1e-3, 1e-3, 1e-4), hidden=("t",))
+    siblings = [e.probability for e in entries if e.name.startswith("L5X5X")]
+    assert len(siblings) == 7 and max(siblings) == pytest.approx(min(siblings), rel=1e-6)
+
+
+def test_prior_is_the_middle_sibling_and_moves_the_legs():
+    values, hidden = {"a": 0.127, "b": 0.127, "t": 0.02}, {"a": True, "b": True, "t": False}
+    still = prior_thickness("L", values, np.diag([1e-6, 1e-6, 0.0]), hidden, TABLE)
+    assert still.name == "L5X5X1/2" and still.values["t"] == pytest.approx(0.0127)
+    assert still.values["a"] == values["a"] and still.std_m["a"] == pytest.approx(1e-3)
+    covariance = np.array([[1e-6, 0, 8e-7], [0, 1e-6, 0], [8e-7, 0, 1e-6]])
+    moved = prior_thickness("L", values, covariance, hidden, TABLE)
+    assert moved.values["a"] == pytest.approx(0.127 + 0.8 * (0.0127 - 0.02))  # conditional Gaussian
+    assert moved.std_m["a"] == pytest.approx(1e-3 * np.sqrt(1 - 0.64))
+    assert moved.values["b"] == values["b"]
+
+
+def test_prior_of_an_odd_size_is_scaled_and_says_so():
+    prior = prior_thickness("CHS", {"d": 5.0, "t": 0.01}, np.diag([1e-8, 0.0]), {"d": True, "t": False}, TABLE)
+    assert " times " in prior.name and 0.01 < prior.values["t"] < 0.5 and prior.values["d"] == 5.0
+
+
+def test_member_takes_the_prior_and_an_entry_names_it():
+    member = made("L", 3.0, {"a": 0.127, "b": 0.127, "t": 0.018})
+    parameters = tuple(
+        p if p.name != "t" else Parameter(name="t", value_m=0.018, std_m=None, observable=False, source="fitted") for p in member.parameters
+    )
+    hidden = type(member)(**{**vars(member), "parameters": parameters})
+    done = catalogued(hidden, TABLE)
+    t = next(p for p in done.parameters if p.name == "t")
+    assert (t.source, t.std_m, t.observable) == ("catalogue", None, False)
+    assert any(e.parameters["t"] == pytest.approx(t.value_m) and e.name == "L5X5X1/2" for e in done.catalogue)
+    assert not done.covariance[2].any() and done.covariance[0, 0] > 0
+    assert done.values()["length"] == 3.0
+    seen = catalogued(member, TABLE)
+    assert seen.parameters == member.parameters and seen.catalogue
+
+
+HEAD = "family,name,a_mm,b_mm,t_mm\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "is empty"),
+        ("name,a_mm\nx,1\n", "column 'family' is missing"),
+        ("family,name,a_mm,t_mm\nL,x,100,8\n", "line 2: section x of family L needs the column 'b_mm'"),
+        (HEAD + "L,x,100,100,eight\n", "line 2: t_mm of x is 'eight', which is not a number"),
+        (HEAD + "L,x,100,,8\n", "line 2: b_mm of x is '', which is not a number"),
+        (HEAD + "L,x,100,100,-8\n", "must be positive"),
+        (HEAD + "L,x,100,100,nan\n", "must be positive"),
+        (HEAD + "Z,x,100,100,8\n", "family 'Z' is unknown"),
+        (HEAD + "L,,100,100,8\n", "no name"),
+        (HEAD + "L,x,5,5,0.3125\nL,y,4,4,0.25\n", "look like inches"),
+        ("family,name,a_mm,b_mm,t_mm,area_mm2\nL,x,100,100,8,2.4\n", "1 of 1 areas do not fit"),
+    ],
+)
+def test_bad_tables_are_refused_by_line_and_column(text, says):
+    with pytest.raises(InputError, match=says):
+        parse_table(text, "mine.csv")
+
+
+def test_inches_are_read_where_they_are_marked(tmp_path):
+    path = tmp_path / "mine.csv"
+    path.write_text("family,name,a_in,b_in,t_in\nL,L5x5x1/4,5,5,0.25\n", encoding="utf-8")
+    table = read_table(path)
+    assert dict(table.shapes[0].parameters) == pytest.approx({"a": 0.127, "b": 0.127, "t": 0.00635})
+    entries = posterior("L", {"a": 0.127, "b": 0.127, "t": 0.00635}, np.eye(3) * 1e-8, {}, table)
+    assert entries[0].name == "L5x5x1/4" and entries[0].probability > 0.9
+    assert posterior("I", {"h": 0.2, "b": 0.1, "tw": 0.005, "tf": 0.008}, np.eye(4), {}, table)[0].name == OTHER
+    with pytest.raises(InputError, match=r"none\.csv"):
+        read_table(tmp_path / "none.csv")
+
+
+def test_bad_questions():
+    with pytest.raises(UsageError, match="'b' of the L is missing"):
+        posterior("L", {"a": 0.1, "t": 0.01}, np.eye(2), {}, TABLE)
+    with pytest.raises(UsageError, match=r"covariance is \(2, 2\)"):
+        posterior("L", {"a": 0.1, "b": 0.1, "t": 0.01}, np.eye(2), {}, TABLE)
+    with pytest.raises(UsageError, match="no dimension of the L was observed"):
+        prior_thickness("L", {"a": 0.1, "b": 0.1, "t": 0.01}, np.eye(3), dict.fromkeys("abt", False), TABLE)

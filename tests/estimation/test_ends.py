@@ -1,0 +1,70 @@
+import numpy as np
+import pytest
+
+from scan2fea.estimation.ends import find_ends, rough_ends
+from scan2fea.simulation.member import MemberScanOptions, member_points
+
+L = {"a": 0.127, "b": 0.127, "t": 0.00635, "length": 3.048}
+RATIO = 1572.58e-6 / 0.508  # area over perimeter, thesis-notes.md section 3
+
+
+def ends_of(n, sigma, seed=0, slopes=((0, 0), (0, 0)), **options):
+    points = member_points("L", L, n, MemberScanOptions(noise_m=sigma, seed=seed, **options), end_slopes=slopes)
+    return find_ends(points, sigma, rough_ends(points[:, 2]), RATIO)
+
+
+@pytest.mark.parametrize("caps", [False, True])
+@pytest.mark.parametrize("sigma", [0.002, 0.02])
+def test_length_is_within_its_error_bars_and_near_the_bound(sigma, caps):
+    found = [ends_of(10_000, sigma, seed, caps=caps) for seed in range(6)]
+    error = np.array([one.length_m - L["length"] for one in found])
+    std = np.array([one.std_m for one in found])
+    bound = np.sqrt(2 * sigma / (0.903 * 10_000 / L["length"]))  # shape-estimation.md: an edge carries 0.903 rho / sigma
+    assert (np.abs(error) < 3.5 * std).all()
+    assert (std < 2.5 * bound).all() and (std > 0.5 * bound).all()
+
+
+def test_without_noise_the_outermost_points_tell_and_a_scanned_cap_tells_exactly():
+    open_end, capped = ends_of(20_000, 0.0), ends_of(20_000, 0.0, caps=True)
+    spacing = L["length"] / 20_000
+    assert abs(open_end.length_m - L["length"]) < 5 * spacing
+    assert 0.5 * spacing < open_end.low.std_m < 3 * spacing
+    assert abs(capped.length_m - L["length"]) < 1e-5
+    assert capped.low.cap_points > 10
+
+
+def test_clutter_beyond_the_ends_is_no_member():
+    found = ends_of(10_000, 0.002, clutter=0.15)
+    assert abs(found.length_m - L["length"]) < 4 * found.std_m < 0.02
+
+
+def test_mitred_ends_are_planes_and_square_ends_have_no_slope():
+    slopes = np.array(((0.1, -0.2), (0.5, 0.3)))
+    found = ends_of(20_000, 0.002, seed=1, slopes=slopes)
+    assert abs(found.length_m - L["length"]) < 4 * found.std_m
+    for end, slope in zip((found.low, found.high), slopes, strict=True):
+        assert (np.abs(end.slope - slope) < 5 * end.slope_std).all()
+        assert (end.slope_std < 0.1).all()
+    for seed in range(4):
+        square = ends_of(5_000, 0.005, seed=seed)
+        assert not square.low.slope.any() and not square.high.slope.any()
+
+
+def test_ends_move_with_the_points_scale_with_them_and_do_not_depend_on_their_order():
+    points = member_points("L", L, 5_000, MemberScanOptions(noise_m=0.004, seed=3))
+    base = find_ends(points, 0.004, rough_ends(points[:, 2]), RATIO)
+    kept = points.copy()
+    moved = find_ends(points + [0, 0, 7.0], 0.004, rough_ends(points[:, 2] + 7.0), RATIO)
+    scaled = find_ends(1000 * points, 4.0, rough_ends(1000 * points[:, 2]), 1000 * RATIO)
+    mixed = np.random.default_rng(0).permutation(points)
+    assert moved.length_m == pytest.approx(base.length_m, abs=1e-6)
+    assert scaled.length_m == pytest.approx(1000 * base.length_m, rel=1e-6)
+    assert find_ends(mixed, 0.004, rough_ends(mixed[:, 2]), RATIO).length_m == pytest.approx(base.length_m, abs=1e-6)
+    assert (points == kept).all()
+
+
+def test_rough_ends_see_past_caps_and_clutter():
+    z = np.r_[np.random.default_rng(1).uniform(0, 1, 9_000), np.zeros(2_000), np.ones(2_000), np.random.default_rng(2).uniform(-0.3, 1.3, 1_000)]
+    low, high = rough_ends(z)
+    assert low == pytest.approx(0, abs=0.02) and high == pytest.approx(1, abs=0.02)
+    assert rough_ends(np.full(60, 2.0)) == (2.0, 2.0)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from scan2fea.kernel.jit import jit
-from scan2fea.kernel.neighbors import _slot_of, _sorted_into_cells, k_nearest
+from scan2fea.kernel.neighbors import k_nearest, slot_of, sorted_into_cells
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.types import BoolArray, FloatArray, IntArray
 
@@ -78,7 +78,7 @@ def _blocked(
 ) -> BoolArray:
     """March each ray through cells of two disc radii, a radius at a time, until it leaves the box of the points."""
     edge = 2.0 * disc
-    _, cells, table, order, start = _sorted_into_cells(points, low, edge)
+    _, cells, table, order, start = sorted_into_cells(points, low, edge)
     out = np.zeros(len(rows), np.bool_)
     angles = np.zeros(256)
     ray = np.zeros((4, 3))  # origin, direction, and two axes across
@@ -125,7 +125,7 @@ def _crossings(
     k0 = np.int64(math.floor((ray[0, 2] + near * ray[1, 2] - low[2]) / edge))
     found = 0
     for cell in range(27):
-        c = table[_slot_of(i0 + cell // 9 - 1, j0 + (cell // 3) % 3 - 1, k0 + cell % 3 - 1, cells, table)]
+        c = table[slot_of(i0 + cell // 9 - 1, j0 + (cell // 3) % 3 - 1, k0 + cell % 3 - 1, cells, table)]
         if c < 0:
             continue
         for o in range(start[c], start[c + 1]):

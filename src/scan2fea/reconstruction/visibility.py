@@ -7,7 +7,7 @@ closed and free of self-intersections by construction, for every input (referenc
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,10 @@ from scan2fea.options import option
 from scan2fea.reconstruction.carve import Carved, carve, gaps
 from scan2fea.reconstruction.denoise import first_normals
 from scan2fea.reconstruction.gates import Evidence, failed, gates_seen
+from scan2fea.reconstruction.hidden import hidden_points
 from scan2fea.reconstruction.outside import OutsideOptions
+from scan2fea.reconstruction.ranges import by_ranges, on_surface, ray_sigma
+from scan2fea.reconstruction.raster import Images, images_of
 from scan2fea.reconstruction.sensors import REJECTED, blocked_share, outer_side
 from scan2fea.reconstruction.unseen import unseen
 from scan2fea.types import Check, FloatArray, Scan, TriangleMesh, Value
@@ -43,6 +46,7 @@ class Reconstruction(Value):
     mesh : closed, manifold, outward.   points, normals : (n, 3) the denoised cloud and its outward normals.   thickness_m : (n,) of the wall at
     each point, nan where no other face is near.   spacing_m, sigma_m : of the raw points.   source : what told outside from inside.
     sensor : what became of the sensor positions.   checks : the gates; a surface that fails one must not be shipped.   how : for the report.
+    residual_m : noise left in the surface, where it is known to be less than that of the points; else None.
     """
 
     mesh: TriangleMesh
@@ -55,6 +59,7 @@ class Reconstruction(Value):
     sensor: str
     checks: tuple[Check, ...]
     how: Mapping[str, float | str]
+    residual_m: float | None = None
 
 
 def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> Reconstruction:
@@ -71,6 +76,10 @@ def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> 
     require(np.isfinite(cloud.points).all(), ReconstructionError, "some points are not finite: remove them before the reconstruction")
     h = spacing(cloud.points, options.seed)
     require(h > 0, ReconstructionError, "all points coincide: there is no surface to find")
+    if options.use_sensors and scan.rays is None and cloud.is_inferred is None:
+        images = images_of(cloud.points, cloud.raw_index)
+        if images is not None:
+            return _ranged(scan, options, images, h)
     sensors = scan.sensors()
     measured = np.flatnonzero(np.ones(len(cloud), bool) if cloud.is_inferred is None else ~cloud.is_inferred)
     known = np.asarray(np.isfinite(sensors).all(axis=1))
@@ -82,7 +91,8 @@ def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> 
     if not failed(seen.checks):
         return seen
     try:  # sensors that stand the test can still be too few: one look along a beam grazes all its faces
-        blind = _unseen(scan, options, "rejected", {"with_sensors": "; ".join(check.name for check in failed(seen.checks))})
+        why: dict[str, float | str] = {"with_sensors": "; ".join(check.name for check in failed(seen.checks))}
+        blind = _unseen(scan, options, "rejected", why, hidden_points(seen.mesh, cloud.points, h, options.seed))
     except ReconstructionError:
         return seen
     return seen if failed(blind.checks) else blind
@@ -110,12 +120,55 @@ def _seen(scan: Scan, options: VisibilityOptions, sensors: FloatArray, spacing_m
     return _result(carved, spacing_m, sigma, "sensors", "known", gates_seen(evidence), {"rays_blocked": blocked})
 
 
-def _unseen(scan: Scan, options: VisibilityOptions, sensor: str, how: Mapping[str, float | str]) -> Reconstruction:
-    outside = OutsideOptions(ball=options.ball, seed=options.seed)
-    answer = unseen(scan.cloud.points, scan.cloud.is_inferred, outside, options.quality_weight)
+def _unseen(scan: Scan, options: VisibilityOptions, sensor: str, how: Mapping[str, float | str], hidden: FloatArray | None = None) -> Reconstruction:
+    """The surface by what can be reached from outside. hidden : (k, 3) places that no ray reached, which must not be taken for open."""
+    cloud, outside = scan.cloud, OutsideOptions(ball=options.ball, seed=options.seed)
+    points, inferred = cloud.points, cloud.is_inferred
+    if hidden is not None and len(hidden):
+        inferred = np.append(np.zeros(len(points), bool) if inferred is None else inferred, np.ones(len(hidden), bool))
+        points = np.concatenate([points, hidden])
+        how = {**how, "n_hidden": len(hidden)}
+    answer = unseen(points, inferred, outside, options.quality_weight)
     flood = answer.flood
     facts = {**how, "ball_m": flood.ball_m, "leak_share": flood.leak_share, "n_cavities": flood.n_cavities, "n_answers": answer.n_tried}
-    return _result(answer.carved, spacing(scan.cloud.points, options.seed), answer.sigma_m, "outside flood", sensor, answer.checks, facts)
+    found = _result(answer.carved, spacing(cloud.points, options.seed), answer.sigma_m, "outside flood", sensor, answer.checks, facts)
+    n = len(cloud)
+    return replace(found, points=found.points[:n], normals=found.normals[:n], thickness_m=found.thickness_m[:n])
+
+
+def _ranged(scan: Scan, options: VisibilityOptions, images: Images, spacing_m: float) -> Reconstruction:
+    """The surface by the rays of images that the order of the points has told."""
+    points = scan.cloud.points
+    found = by_ranges(points, images, ray_sigma(images), options.seed)
+    place, normals, thickness = on_surface(points, images, found)
+    known = thickness[np.isfinite(thickness)]
+    facts: dict[str, float | str] = {
+        "method": "visibility",
+        "source": "images found in the order of the points",
+        "n_images": images.n_images,
+        "n_empty_rays": int((~images.is_hit).sum()),
+        "spacing_m": spacing_m,
+        "sigma_m": found.sigma_m,
+        "residual_m": found.residual_m,
+        "cell_m": found.cell_m,
+        "wall_m": float(np.median(known)) if len(known) else float("nan"),
+        "wall_share": len(known) / len(thickness),
+        "volume_spread": found.volume_spread,
+        "n_answers": found.n_tried,
+    }
+    return Reconstruction(
+        mesh=found.fit.mesh,
+        points=place,
+        normals=normals,
+        thickness_m=thickness,
+        spacing_m=spacing_m,
+        sigma_m=found.sigma_m,
+        source="ranges",
+        sensor="known",
+        checks=found.checks,
+        how=facts,
+        residual_m=found.residual_m,
+    )
 
 
 def _result(

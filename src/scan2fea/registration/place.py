@@ -1,4 +1,4 @@
-"""Put every input where its pose says, and measure how well the inputs then agree. Nothing is corrected here."""
+"""Put every input where its pose says or where `arrange` finds that it belongs, and measure how well the inputs then agree."""
 
 from __future__ import annotations
 
@@ -10,9 +10,12 @@ import numpy as np
 from scan2fea.errors import EmptyScanError, InternalError, require
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import sampled_rows, spacing
+from scan2fea.kernel.normals import normals_at
 from scan2fea.kernel.transforms import applied, rotated
-from scan2fea.options import option
-from scan2fea.types import FloatArray, IntArray, PointCloud, Rays, Scan, Trajectory, Value
+from scan2fea.registration.arrange import Arranged, arrange
+from scan2fea.registration.options import RegistrationOptions
+from scan2fea.registration.register import Link
+from scan2fea.types import FloatArray, PointCloud, Rays, Scan, Trajectory, Value
 
 _QUERIES = 2_000  # points of a frame that are compared
 _OTHERS = 100_000  # points of the other frames they are compared with
@@ -32,48 +35,84 @@ _LEAST_OVERLAP = 0.2  # share of a frame's points that must overlap the others b
 _AGREE_SPACINGS = 3.0  # docs/design.md: inputs agree if their median nearest distance where they overlap is below 3 spacings
 
 
-@dataclass(frozen=True, kw_only=True)
-class RegistrationOptions:
-    """Where the inputs stand relative to each other."""
-
-    mode: str = option("placed", "placed: inputs stay where their files or `poses` put them", choices=("placed",))
-    poses: str = option("", "File with the pose of each input (bun.conf, graph.txt, TUM, KITTI, 4 x 4 matrices, .npy); empty: as they lie")
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Placed(Value):
     """All inputs in one frame.
 
     scan : the points of all placed inputs, `frame` = input number, rays moved with them.   agreement_m : (k,) median distance to the
-    nearest point of the other inputs where they overlap, nan where they do not.   notes : sentences for the report.
+    nearest point of the other inputs where they overlap, nan where they do not.   std_m, std_rad : (k,) standard deviation of each pose, nan
+    where nothing tells it.   reasons : (k,) why an input was left out, or empty.   links : between pairs of inputs.   notes : sentences for the
+    report.
     """
 
     scan: Scan
     trajectory: Trajectory
     agreement_m: FloatArray
+    std_m: FloatArray
+    std_rad: FloatArray
+    reasons: tuple[str, ...]
+    links: tuple[Link, ...]
     notes: tuple[str, ...]
 
 
 def place(
-    scans: Sequence[Scan], T_world_frame: Sequence[FloatArray | None], names: Sequence[str], options: RegistrationOptions = RegistrationOptions()
+    scans: Sequence[Scan],
+    T_world_frame: Sequence[FloatArray | None],
+    names: Sequence[str],
+    options: RegistrationOptions = RegistrationOptions(),
+    *,
+    is_placed: Sequence[bool] = (),
+    is_fixed: Sequence[bool] = (),
 ) -> Placed:
     """Join the scans into one.
 
-    T_world_frame : one per scan. None: the scan stays as it lies if no file of poses was given, else it is left out, because its place
-    is not known. Raises EmptyScanError if no point is left.
+    T_world_frame : one per scan, None where the file of poses does not name it or there is none.   is_placed : scans whose own file has applied
+    their pose (their T_world_frame may be None).   is_fixed : scans that must stay (inputs with faces). In mode "placed" a scan without a pose
+    stays as it lies if no file of poses was given, else it is left out, because its place is not known.
+    Raises EmptyScanError if no point is left.
     """
-    require(len(scans) == len(T_world_frame) == len(names), InternalError, "place needs one pose and one name per scan")
-    as_it_lies = np.eye(4) if not options.poses else None
-    poses = [as_it_lies if T is None else T for T in T_world_frame]
-    placed = np.array([T is not None for T in poses])
+    n = len(scans)
+    require(n == len(T_world_frame) == len(names), InternalError, "place needs one pose and one name per scan")
+    own, fixed = [*is_placed, *[False] * (n - len(is_placed))], [*is_fixed, *[False] * (n - len(is_fixed))]
+    arranged = _as_told(scans, T_world_frame, names, options)
+    if options.mode != "placed" and n > 1:
+        given = [np.eye(4) if T is None and (stays or stuck) else T for T, stays, stuck in zip(T_world_frame, own, fixed, strict=True)]
+        unknown = f"{options.poses} gives no pose for it" if options.poses else ""
+        arranged = arrange(scans, given, fixed, names, free=options.mode == "free", correct=options.correct, unknown=unknown, seed=options.seed)
+    poses = [T if ok else None for T, ok in zip(arranged.T_world_frame, arranged.placed, strict=True)]
     moved = [_moved(scan, T, frame) for frame, (scan, T) in enumerate(zip(scans, poses, strict=True)) if T is not None]
     require(sum(len(scan.cloud) for scan in moved), EmptyScanError, "no input is left after placing: none has a point and a pose")
     scan = joined(moved)
-    stacked = np.array([np.full((4, 4), np.nan) if T is None else T for T in poses])
-    agreement, limit = _agreement(scan, len(scans))
-    notes = [f"{names[k]}: left out, {options.poses} gives no pose for it" for k in np.flatnonzero(~placed).tolist()]
-    notes += _disagreements(agreement, limit, names)
-    return Placed(scan=scan, trajectory=Trajectory(T_world_frame=stacked, placed=placed), agreement_m=agreement, notes=tuple(notes))
+    agreement, limit = _agreement(scan, n)
+    return Placed(
+        scan=scan,
+        trajectory=Trajectory(T_world_frame=arranged.T_world_frame, placed=arranged.placed),
+        agreement_m=agreement,
+        std_m=arranged.std_m,
+        std_rad=arranged.std_rad,
+        reasons=arranged.reasons,
+        links=arranged.links,
+        notes=(*arranged.notes, *_disagreements(agreement, limit, names)),
+    )
+
+
+def _as_told(scans: Sequence[Scan], T_world_frame: Sequence[FloatArray | None], names: Sequence[str], options: RegistrationOptions) -> Arranged:
+    """Every scan where its file or the file of poses puts it."""
+    as_it_lies = np.eye(4) if not options.poses else None
+    poses = [as_it_lies if T is None else T for T in T_world_frame]
+    placed = np.array([T is not None for T in poses], bool)
+    reasons = tuple("" if ok else f"{options.poses} gives no pose for it" for ok in placed)
+    nothing = np.full(len(scans), np.nan)
+    return Arranged(
+        T_world_frame=np.array([np.full((4, 4), np.nan) if T is None else T for T in poses]).reshape(-1, 4, 4),
+        placed=placed,
+        std_m=nothing,
+        std_rad=nothing,
+        how=tuple("kept" if ok else "left out" for ok in placed),
+        reasons=reasons,
+        links=(),
+        notes=tuple(f"{names[k]}: left out, {reasons[k]}" for k in np.flatnonzero(~placed).tolist()),
+    )
 
 
 def _moved(scan: Scan, T_world_frame: FloatArray, frame: int) -> Scan:
@@ -144,7 +183,7 @@ def _agreement(scan: Scan, n_frames: int) -> tuple[FloatArray, FloatArray]:
         own, others, drawn = cloud.points[mine], cloud.points[rest], sampled_rows(len(mine), _QUERIES, frame)
         distance, nearest = k_nearest(others, 1, own[drawn])
         h = max(spacing(own), spacing(others))
-        normal = _normals_at(own, drawn)
+        normal = normals_at(own[drawn], own, _PATCH)
         offset = others[nearest[:, 0]] - own[drawn]
         aside = np.linalg.norm(offset - np.einsum("nc,nc->n", offset, normal)[:, None] * normal, axis=1)
         near = (distance[:, 0] <= _OVERLAP_SPACINGS * h) & (aside <= _ASIDE_SPACINGS * h)
@@ -153,14 +192,6 @@ def _agreement(scan: Scan, n_frames: int) -> tuple[FloatArray, FloatArray]:
         if near.mean() >= _LEAST_OVERLAP:
             median[frame], limit[frame] = np.median(distance[near, 0]), _AGREE_SPACINGS * h
     return median, limit
-
-
-def _normals_at(points: FloatArray, rows: IntArray) -> FloatArray:
-    """(m, 3) unit normals at some of the points, of any sign."""
-    patch = points[k_nearest(points, _PATCH, points[rows])[1]]
-    patch = patch - patch.mean(axis=1, keepdims=True)
-    normal: FloatArray = np.linalg.eigh(np.einsum("mki,mkj->mij", patch, patch))[1][:, :, 0]
-    return normal
 
 
 def _disagreements(agreement: FloatArray, limit: FloatArray, names: Sequence[str]) -> list[str]:

@@ -1,26 +1,39 @@
 """The face an object rests on: nobody has seen it, but the support it stands on says where it is.
 
-Points are put there only where the data leave no other reading: inside a closed ring of the object's own points just above the support,
-with the object overhead, and with no point of the support in between. A tube that stands open on the floor, a table on legs with the
-floor seen under it, a box seen from three sides get none. What is put there is marked (`is_inferred`), carries no ray, and faces the support.
+Points are put there only where the data leave no other reading: inside a closed ring of the object's own points that come down to the
+support all around, with the object overhead, and with no point of the support in between. A tube that stands open on the floor, a table
+on legs with the floor seen under it, a box seen from three sides, a lid held a little above the floor get none. What is put there is
+marked (`is_inferred`), carries no ray, and faces the support.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy import ndimage
 
+from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import spacing
-from scan2fea.segmentation.footprint import Grid, grid_on
+from scan2fea.segmentation.footprint import CELLS_PER_RADIUS, Grid, grid_on
 from scan2fea.segmentation.planes import Plane, large_planes
-from scan2fea.types import BoolArray, FloatArray, PointCloud, Segments
+from scan2fea.types import BoolArray, FloatArray, IntArray, PointCloud, Segments, Value
 
-_CELL_SPACINGS = 2.0
-_RING_SPACINGS = 3.0  # the ring: points up to this high above the support's band; a cell of a wall then holds about six
+_STRIP = 3.0  # spacings: the ring is made of points up to this high above the support's band
+_REACH = 2  # cells of one spacing: points of the ring up to four apart join; the largest gap that chance leaves in a whole ring is about two
+_DOWN = 1.5  # spacings above the band that the ring comes down to ...
+_DOWN_SHARE = 0.9  # ... nearly all around: what hangs lower than its shadow tells is no contact
+_COVERED = 0.95  # of a piece has the object overhead
+_SEEN = 0.05  # of the points that a visible floor would show in a piece
+_BESIDE, _BESIDE_SHARE = 3.0, 0.5  # the support is seen within so many of its spacings of so much of the ring
+_PER_SPACING2 = 0.956  # points per squared spacing of a random sheet (kernel.noise.spacing)
+_SPARSE = 1.5  # the ring decides where it is this many times sparser than the object
 _AROUND = 1.5  # the support is fitted within this many times the object's box
 _LEAST_SUPPORT = 150
 _LEAST_SHARE = 0.2
 _LOWEST = 0.002  # share of the object's points that may lie lower: noise
+_BOX = np.ones((3, 3), bool)
+_DISC = np.hypot(*np.mgrid[-_REACH : _REACH + 1, -_REACH : _REACH + 1]) <= _REACH + 0.5
 
 
 def contact_points(own: PointCloud, cloud: PointCloud, segments: Segments, label: int) -> PointCloud:
@@ -37,12 +50,12 @@ def contact_points(own: PointCloud, cloud: PointCloud, segments: Segments, label
     order = sorted(np.unique(segments.labels[beside]).tolist(), key=lambda other: (segments.kinds[other] != "support", other))
     for other in order:  # supports first, then what else it may stand on: a table is an object too
         below = cloud.points[beside & (segments.labels == other)]
-        for plane in large_planes(below, 2, _LEAST_SHARE) if len(below) >= _LEAST_SUPPORT else []:
-            up = plane if float(np.median(plane.height(own.points))) > 0 else plane.flipped()
-            if _rests_on(up, own.points, h):
-                points = _enclosed(up, own.points, below, h)
+        taken = below if segments.kinds[other] == "support" else below[:0]
+        for plane in _planes_under(below, own.points):
+            if _rests_on(plane, own.points, taken, h):
+                points = _enclosed(plane, own.points, below, taken, h)
                 if len(points):
-                    return _with_inferred(own, points, -up.normal, up.sigma_m)
+                    return _with_inferred(own, points, -plane.normal, plane.sigma_m)
     return own
 
 
@@ -52,46 +65,107 @@ def _ball(points: FloatArray) -> tuple[FloatArray, float]:
     return (low + high) / 2, _AROUND * float(np.linalg.norm(high - low)) / 2
 
 
-def _rests_on(plane: Plane, own: FloatArray, h: float) -> bool:
-    lowest = float(np.quantile(plane.height(own), _LOWEST))
-    return -plane.band_m <= lowest <= plane.band_m + _RING_SPACINGS * h
+def _planes_under(below: FloatArray, own: FloatArray) -> list[Plane]:
+    """The large planes of what may be under the object, facing it; first the one that its lowest points are nearest to (the top of a slab)."""
+    if len(below) < _LEAST_SUPPORT:
+        return []
+    planes = [plane if float(np.median(plane.height(own))) > 0 else plane.flipped() for plane in large_planes(below, 2, _LEAST_SHARE)]
+    return sorted(planes, key=lambda plane: abs(_lowest(plane, own)))
 
 
-def _enclosed(plane: Plane, own: FloatArray, below: FloatArray, h: float) -> FloatArray:
-    """(k, 3) points on the plane, a spacing apart, in the cells that the object encloses and covers."""
-    grid = grid_on(plane, own, 1.5 * _CELL_SPACINGS * h)  # the grid takes 1 / 1.5 of a link radius as its edge
-    height = plane.height(own)
-    ring = grid.occupied(own[height <= plane.band_m + _RING_SPACINGS * h])
-    closed = ndimage.binary_closing(np.pad(ring, 2), np.ones((3, 3), bool))[2:-2, 2:-2]
-    inside = ndimage.binary_fill_holes(closed) & ~closed
-    if not inside.any():
+def _lowest(plane: Plane, own: FloatArray) -> float:
+    return float(np.quantile(plane.height(own), _LOWEST))
+
+
+def _rests_on(plane: Plane, own: FloatArray, taken: FloatArray, h: float) -> bool:
+    """The lowest points are at the plane, or where the support took those below them (its own band, on a warped floor)."""
+    reach = plane.band_m + _STRIP * h
+    height = plane.height(taken)
+    height = height[height <= 2.0 * reach]
+    return -plane.band_m <= _lowest(plane, own) <= max(reach, float(np.quantile(height, 1.0 - _LOWEST)) + h if len(height) else 0.0)
+
+
+def _enclosed(plane: Plane, own: FloatArray, below: FloatArray, taken: FloatArray, h: float) -> FloatArray:
+    """(k, 3) points on the plane, a spacing apart, in the cells that the object encloses and covers.
+
+    below : points of the support.   taken : those of them that may belong to the object, within the band of the support but above the plane.
+    """
+    height, rise = plane.height(own), plane.height(taken)
+    sparse = spacing(own[height <= plane.band_m + 3.0 * _STRIP * h])
+    edge = min(sparse, 2.0 * h) if sparse > _SPARSE * h else h
+    top = plane.band_m + _STRIP * edge
+    foot = np.concatenate([own[height <= top], taken[(rise > plane.band_m) & (rise <= top)]])
+    grid = grid_on(plane, own, CELLS_PER_RADIUS * edge, margin=2 * _REACH + 2)
+    foot = foot[grid.covers(foot)]
+    rises = plane.height(foot)
+    ring, down = grid.occupied(foot), grid.occupied(foot[rises <= plane.band_m + _DOWN * h])
+    roof = ndimage.binary_dilation(grid.occupied(own[height > top]), _BOX)  # nine cells of a random sheet are empty once in 5,000
+    floor = below[np.abs(plane.height(below)) <= plane.band_m + h]  # not the underside of a table
+    seen = _Seen.of(grid, floor[grid.covers(floor)])
+
+    grown = _grown(ring)
+    filled = ndimage.binary_erosion(ndimage.binary_fill_holes(grown), _DISC)
+    holes = ndimage.binary_fill_holes(grown) & ~grown
+    open_below = ndimage.binary_dilation(_grown(holes & ~_good_pieces(holes, roof, seen)), _BOX)
+    inside = ndimage.binary_erosion(filled, _BOX) & ~ring & ~open_below  # the outermost cells may lie half outside
+    face = _good_pieces(inside, roof, seen)
+    rim = ring & _grown(face)
+    comes_down = (rim & _grown(down)).sum() >= _DOWN_SHARE * rim.sum()
+    if not face.any() or not rim.any() or not comes_down or not _stands_amid(_centres(grid, rim, plane), floor, edge):
         return np.zeros((0, 3))
-    roof = ndimage.binary_dilation(grid.occupied(own[height > plane.band_m + _RING_SPACINGS * h]), np.ones((3, 3), bool))
-    on_plane = below[np.abs(plane.height(below)) <= plane.band_m + h]  # not the underside of a table
-    flat = np.c_[on_plane @ grid.u, on_plane @ grid.v]
-    in_grid = ((flat >= grid.low) & (flat < grid.low + grid.edge_m * np.array(grid.shape))).all(axis=1)
-    floor_seen = grid.occupied(on_plane[in_grid]) if in_grid.any() else np.zeros(grid.shape, bool)
-    face = _whole_pieces(inside, roof & ~floor_seen) | (ndimage.binary_fill_holes(closed) & closed & ~ring & roof & ~floor_seen)
-    return _lattice(grid, face, plane, h) if (face & inside).any() else np.zeros((0, 3))
+    return _centres(grid, face, plane)
 
 
-def _whole_pieces(inside: BoolArray, allowed: BoolArray) -> BoolArray:
-    """The connected pieces of `inside` that are allowed nearly everywhere (95 %): where the floor shows through a piece, none of it is a face."""
-    pieces, n = ndimage.label(inside)
-    share = ndimage.mean(allowed, pieces, np.arange(1, n + 1))
-    good = np.concatenate([[False], np.asarray(share) >= 0.95])
-    return np.asarray(good[pieces] & allowed)
+def _centres(grid: Grid, cells: BoolArray, plane: Plane) -> FloatArray:
+    """(k, 3) middles of the cells, on the plane."""
+    flat = (np.argwhere(cells) + 0.5) * grid.edge_m + grid.low
+    centres: FloatArray = flat[:, :1] * grid.u + flat[:, 1:] * grid.v + plane.offset * plane.normal
+    return centres
 
 
-def _lattice(grid: Grid, cells: BoolArray, plane: Plane, h: float) -> FloatArray:
-    """Points h apart in the cells, on the plane."""
-    per_cell = max(1, round(grid.edge_m / h))
-    step = (np.arange(per_cell) + 0.5) / per_cell
-    a, b = (shift.ravel() for shift in np.meshgrid(step, step, indexing="ij"))
-    at = np.argwhere(cells)
-    flat = (at[:, None, :] + np.stack([a, b], 1)[None]).reshape(-1, 2) * grid.edge_m + grid.low
-    points: FloatArray = flat[:, :1] * grid.u + flat[:, 1:] * grid.v + plane.offset * plane.normal
-    return points
+def _stands_amid(rim: FloatArray, floor: FloatArray, edge_m: float) -> bool:
+    """Whether the support was seen beside at least half of the rim: a plane has no end, a table has."""
+    if len(floor) < _LEAST_SUPPORT:
+        return False
+    away = k_nearest(floor, 1, rim)[0][:, 0]
+    return bool((away <= _BESIDE * spacing(floor) + _REACH * edge_m).mean() >= _BESIDE_SHARE)
+
+
+def _grown(cells: BoolArray) -> BoolArray:
+    grown: BoolArray = ndimage.binary_dilation(cells, _DISC)
+    return grown
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Seen(Value):
+    """Where the support was seen. count : of its points in each cell.   expected : in a cell, where it lies open."""
+
+    count: IntArray
+    expected: float
+
+    @classmethod
+    def of(cls, grid: Grid, floor: FloatArray) -> _Seen:
+        count = np.zeros(grid.shape, np.int64)
+        np.add.at(count, tuple(grid.cells(floor).T), 1)
+        h = spacing(floor) if len(floor) >= _LEAST_SUPPORT else np.nan
+        return cls(count=count, expected=_PER_SPACING2 * (grid.edge_m / h) ** 2 if h > 0 else 1.0)
+
+    def through(self, piece: BoolArray) -> bool:
+        """Whether the floor shows in the piece, its border aside (noise of the floor around it)."""
+        inner = ndimage.binary_erosion(piece)
+        inner = inner if inner.any() else piece
+        return bool(self.count[inner].sum() > _SEEN * self.expected * inner.sum())
+
+
+def _good_pieces(cells: BoolArray, roof: BoolArray, seen: _Seen) -> BoolArray:
+    """The connected pieces that have a roof nearly everywhere and show no floor."""
+    pieces, n = ndimage.label(cells)
+    good = np.zeros(n + 1, bool)
+    for k, place in enumerate(ndimage.find_objects(pieces), start=1):
+        piece = pieces[place] == k
+        own = _Seen(count=seen.count[place], expected=seen.expected)
+        good[k] = roof[place][piece].mean() >= _COVERED and not own.through(piece)
+    return np.asarray(good[pieces])
 
 
 def _with_inferred(own: PointCloud, points: FloatArray, normal: FloatArray, sigma_m: float) -> PointCloud:

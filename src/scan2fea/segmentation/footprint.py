@@ -11,7 +11,7 @@ from scan2fea.kernel.neighbors import radius_components
 from scan2fea.segmentation.planes import Plane
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
-_CELLS_PER_RADIUS = 1.5  # an edge of r / 1.5 holds 5 points of an evenly sampled surface: less than 1 % of its cells look empty
+CELLS_PER_RADIUS = 1.5  # an edge of r / 1.5 holds 5 points of an evenly sampled surface: less than 1 % of its cells look empty
 _MOST_CELLS = 4_000_000
 DIRECTIONS = 4
 _ROWS_BEYOND = 3.0
@@ -33,6 +33,12 @@ class Grid(Value):
         at: IntArray = np.clip(np.floor((flat - self.low) / self.edge_m).astype(np.int64), 0, np.array(self.shape) - 1)
         return at
 
+    def covers(self, points: FloatArray) -> BoolArray:
+        """(n,) which points lie over the grid."""
+        flat = np.c_[points @ self.u, points @ self.v] - self.low
+        inside: BoolArray = ((flat >= 0) & (flat < self.edge_m * np.array(self.shape))).all(axis=1)
+        return inside
+
     def occupied(self, points: FloatArray) -> BoolArray:
         """Mask of the grid's shape: cells that hold a point."""
         mask = np.zeros(self.shape, bool)
@@ -50,16 +56,16 @@ class Standing(Value):
     height_m: float
 
 
-def grid_on(plane: Plane, points: FloatArray, radius_m: float) -> Grid:
-    """A grid that covers the points, with an empty margin of one cell."""
+def grid_on(plane: Plane, points: FloatArray, radius_m: float, margin: int = 1) -> Grid:
+    """A grid that covers the points, with an empty margin of some cells."""
     u = np.cross(plane.normal, np.eye(3)[int(np.argmin(np.abs(plane.normal)))])
     u /= np.linalg.norm(u)
     v = np.cross(plane.normal, u)
     flat = np.c_[points @ u, points @ v]
     low, size = flat.min(axis=0), np.ptp(flat, axis=0)
-    edge = max(radius_m / _CELLS_PER_RADIUS, float(np.sqrt(max(size[0] * size[1], 0.0) / _MOST_CELLS)), float(size.max()) / 100_000)
-    n = np.floor(size / edge).astype(int) + 3
-    return Grid(u=u, v=v, low=low - edge, edge_m=edge, shape=(int(n[0]), int(n[1])))
+    edge = max(radius_m / CELLS_PER_RADIUS, float(np.sqrt(max(size[0] * size[1], 0.0) / _MOST_CELLS)), float(size.max()) / 100_000)
+    n = np.floor(size / edge).astype(int) + 1 + 2 * margin
+    return Grid(u=u, v=v, low=low - margin * edge, edge_m=edge, shape=(int(n[0]), int(n[1])))
 
 
 def standing_parts(points: FloatArray, height: FloatArray, band_m: float, grid: Grid, radius_m: float, min_points: int) -> list[Standing]:

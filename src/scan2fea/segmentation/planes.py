@@ -8,15 +8,18 @@ import numpy as np
 
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import noise_sigma, sampled_rows, spacing
-from scan2fea.kernel.normals import pca_normals
+from scan2fea.kernel.normals import normals_at
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 _SUBSET = 10_000  # points that hypotheses are scored on
 _HYPOTHESES = 100  # of each size
+_REFITTED = 8  # of the hypotheses: the best by points near them
+_NORMAL_NEIGHBOURS = 16
 _PATCHES = (48, 240)  # neighbours that a hypothesis is fitted to: small ones fit small planes, large ones do not tilt
 _WIDEST = 3.0  # a plane may spread over this many times the width that local noise gives (warped floors), not over a second wall
 _COS_NORMAL = 0.8  # a point counts for a plane if its own normal is within 37 degrees: noise allows no less, a crossing wall is at 90
 _SIGMAS = 4.0
+_SHEET_SHARE, _SHEET_SIGMAS = 0.4, 1.05  # the shortest interval with 40 % of a Gaussian is 1.05 sigma long
 _CANDIDATES = 4
 _LEAST_SHARE = 0.05
 
@@ -68,61 +71,110 @@ def large_planes(points: FloatArray, at_most: int, least_share: float, seed: int
     """The planes that hold most points, largest first, each with at least `least_share` of the points (n, 3).
 
     The width of a plane follows the data: it starts at the spacing of the points or 3 sigma of their local noise, whichever is larger, and
-    is refitted to the spread of the points it finds, so a floor that is a little warped stays one plane.
+    is refitted to the spread of the sheet it finds, so a floor that is a little warped stays one plane and the two faces of a slab are two.
     """
     if len(points) < 3 * _PATCHES[0]:
         return []
     rng = np.random.default_rng(seed)
-    subset = points[sampled_rows(len(points), _SUBSET, seed)]
+    rows = sampled_rows(len(points), _SUBSET, seed)
     h, sigma = spacing(points, seed), noise_sigma(points, seed=seed)
-    width = max(h, 3.0 * sigma if np.isfinite(sigma) else 0.0)
-    normals = pca_normals(subset, 16)
-    left = np.ones(len(subset), bool)
+    least = 3.0 * sigma if np.isfinite(sigma) else h
+    width = max(h, least)
+    search = _Search(points=points[rows], normals=_both_normals(points, rows), width=width, least=least)
+    left = np.ones(len(rows), bool)
     found: list[Plane] = []
     for _ in range(at_most):
-        if left.sum() < max(_PATCHES[0], least_share * len(subset)):
+        if left.sum() < max(_PATCHES[0], least_share * len(rows)):
             break
-        plane = _best(subset, normals, left, width, rng)
+        plane = search.of(left).best(len(rows), rng)
         if plane is None or plane.share < least_share:
             break
         found.append(plane)
-        left &= ~_on(plane.normal, plane.offset, subset, normals, max(plane.band_m, width))
+        left &= ~search.on(plane.normal, plane.offset, max(plane.band_m, width))
     return found
 
 
-def _on(normal: FloatArray, offset: float, points: FloatArray, normals: FloatArray, width: float) -> BoolArray:
-    on: BoolArray = (np.abs(points @ normal - offset) <= width) & (np.abs(normals @ normal) >= _COS_NORMAL)
-    return on
+def _both_normals(points: FloatArray, rows: IntArray) -> FloatArray:
+    """(2, m, 3) normals of some points, from their neighbours among all points and among the drawn ones alone.
+
+    Near neighbours tell the two faces of a thin slab apart; among few points the neighbours on one ring of a scanner do not stand alone.
+    """
+    return np.stack([normals_at(points[rows], among, _NORMAL_NEIGHBOURS) for among in (points, points[rows])])
 
 
-def _best(points: FloatArray, normals: FloatArray, left: BoolArray, width: float, rng: np.random.Generator) -> Plane | None:
-    """The hypothesis that explains most of the points left, refitted to them."""
-    rows = np.flatnonzero(left)
-    candidates, member_normals = points[rows], normals[rows]
-    best, score = (np.array([0.0, 0.0, 1.0]), 0.0), -1
-    for size in _PATCHES:
-        drawn = rows[rng.integers(len(rows), size=_HYPOTHESES)]
-        patch = candidates[k_nearest(candidates, min(size, len(rows)), points[drawn])[1]]
-        centre = patch.mean(axis=1)
-        axes = np.linalg.eigh(np.einsum("mki,mkj->mij", patch - centre[:, None], patch - centre[:, None]))[1]
-        for normal, middle in zip(axes[:, :, 0], centre, strict=True):
-            on = int(_on(normal, float(middle @ normal), candidates, member_normals, width).sum())
-            if on > score:
-                best, score = (normal, float(middle @ normal)), on
-    return _refitted(*best, candidates, member_normals, width, len(points))
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Search(Value):
+    """points : (m, 3).   normals : (2, m, 3) of each, two opinions.   width, least : half the width to begin with, and the least one."""
+
+    points: FloatArray
+    normals: FloatArray
+    width: float
+    least: float
+
+    def of(self, rows: IntArray | BoolArray) -> _Search:
+        """The same search among some of the points."""
+        return _Search(points=self.points[rows], normals=self.normals[:, rows], width=self.width, least=self.least)
+
+    def on(self, normal: FloatArray, offset: float, width: float) -> BoolArray:
+        """Which of the points lie on the plane and have its direction."""
+        faces_it = (np.abs(self.normals @ normal) >= _COS_NORMAL).any(axis=0)
+        on: BoolArray = faces_it & (np.abs(self.points @ normal - offset) <= width)
+        return on
+
+    def best(self, n_all: int, rng: np.random.Generator) -> Plane | None:
+        """The plane that explains most of the points; its share is one of `n_all`."""
+        score, normals, offsets = self._hypotheses(rng)
+        ranked = np.argsort(-score, kind="stable")[:_REFITTED]
+        planes = [self.refitted(normals[i], float(offsets[i]), n_all) for i in ranked]
+        return max((plane for plane in planes if plane is not None), key=self._worth, default=None)
+
+    def _hypotheses(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Score (m,) (each point counts by how near it is), normals (m, 3) and offsets (m,) of planes through small patches."""
+        scores, normals, offsets = [], [], []
+        for size in _PATCHES:
+            drawn = rng.integers(len(self.points), size=_HYPOTHESES)
+            patch = self.points[k_nearest(self.points, min(size, len(self.points)), self.points[drawn])[1]]
+            centre = patch.mean(axis=1)
+            patch -= centre[:, None]
+            normals.append(np.linalg.eigh(np.einsum("mki,mkj->mij", patch, patch))[1][:, :, 0])
+            offsets.append(np.einsum("mi,mi->m", normals[-1], centre))
+            off = ((self.points @ normals[-1].T - offsets[-1]) / self.width) ** 2  # (n, m)
+            faces_it = (np.abs(self.normals @ normals[-1].T) >= _COS_NORMAL).any(axis=0)
+            scores.append((np.maximum(1.0 - off, 0.0) * faces_it).sum(axis=0))
+        return np.concatenate(scores), np.concatenate(normals), np.concatenate(offsets)
+
+    def _worth(self, plane: Plane) -> float:
+        """Log-likelihood against points spread evenly over the widest plane: what lies on one sheet beats as much again that lies across two."""
+        widest = _WIDEST * self.width
+        return plane.share * float(np.log(2.0 * widest / max(plane.sigma_m, self.least / 3.0)))
+
+    def refitted(self, normal: FloatArray, offset: float, n_all: int) -> Plane | None:
+        """Least squares on the points of one sheet, its width following their spread: at least `least`, at most three times `width`."""
+        reach, sigma, n_near = 2.0 * self.width, self.width / 3.0, 0
+        for _ in range(6):
+            near = self.points[self.on(normal, offset, reach)]
+            if len(near) < 3:
+                return None
+            offset, sigma = _sheet(near @ normal)
+            reach = min(max(self.least, _SIGMAS * sigma), _WIDEST * self.width)
+            near = self.points[self.on(normal, offset, reach)]
+            n_near = len(near)
+            if n_near < 3:
+                return None
+            centre = near.mean(axis=0)
+            normal = np.linalg.eigh((near - centre).T @ (near - centre))[1][:, 0]
+            offset = float(centre @ normal)
+        sigma = min(max(sigma, 1e-9 * self.width), _WIDEST * self.width / _SIGMAS)
+        return Plane(normal=normal, offset=offset, sigma_m=sigma, share=n_near / n_all)
 
 
-def _refitted(normal: FloatArray, offset: float, points: FloatArray, normals: FloatArray, width: float, n_all: int) -> Plane | None:
-    """Least squares on the points near the plane, its width following their spread."""
-    reach, sigma = 2.0 * width, width / 3.0
-    for _ in range(6):
-        near = _on(normal, offset, points, normals, reach)
-        if near.sum() < 3:
-            return None
-        middle = points[near].mean(axis=0)
-        normal = np.linalg.svd(points[near] - middle, full_matrices=False)[2][2]
-        offset = float(middle @ normal)
-        sigma = 1.4826 * float(np.median(np.abs(points[near] @ normal - offset)))
-        reach = min(max(width, _SIGMAS * sigma), _WIDEST * width)
-    sigma = min(max(sigma, 1e-9 * width), _WIDEST * width / _SIGMAS)
-    return Plane(normal=normal, offset=offset, sigma_m=sigma, share=float(near.sum()) / n_all)
+def _sheet(heights: FloatArray) -> tuple[float, float]:
+    """Middle and standard deviation of the densest sheet among the heights (n,): of the shortest interval that holds 40 % of them.
+
+    A median would lie between the two faces of a slab, and take their distance for its spread.
+    """
+    ranked = np.sort(heights)
+    held = max(2, round(_SHEET_SHARE * len(ranked)))
+    length = ranked[held - 1 :] - ranked[: len(ranked) - held + 1]
+    first = int(np.argmin(length))
+    return float(ranked[first : first + held].mean()), float(length[first]) / _SHEET_SIGMAS

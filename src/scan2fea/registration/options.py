@@ -1,0 +1,24 @@
+"""What a user can say about where the inputs stand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from scan2fea.options import option
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegistrationOptions:
+    """Where the inputs stand relative to each other."""
+
+    mode: str = option(
+        "auto",
+        "auto: poses that files or `poses` give and inputs that already agree are kept (see `correct`); the rest is registered. "
+        "placed: all stay where their files or `poses` put them. free: all are registered, whatever their files say",
+        choices=("auto", "placed", "free"),
+    )
+    correct: bool = option(
+        False, "Move inputs that have a place where their surfaces say otherwise; things that are round, slender or alike along a line may mislead it"
+    )
+    poses: str = option("", "File with the pose of each input (bun.conf, graph.txt, TUM, KITTI, 4 x 4 matrices, .npy); empty: as they lie")
+    seed: int = option(0, "Seed of the triples of matches that are drawn", minimum=0)

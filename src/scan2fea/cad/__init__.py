@@ -2,5 +2,6 @@
 
 from scan2fea.cad.assembly import assembly
 from scan2fea.cad.brep import CadOptions, to_brep
+from scan2fea.cad.prism import prism_brep
 
-__all__ = ["CadOptions", "assembly", "to_brep"]
+__all__ = ["CadOptions", "assembly", "prism_brep", "to_brep"]

@@ -28,7 +28,7 @@ PRODUCT_NAME = "SOLID"  # of one object's file; an assembly gives each its own
 
 # numbers below that assembly.py refers to when it joins several files
 DEFINITION, REPRESENTATION, PLACEMENT, SOLID, CONTEXT = 5, 10, 11, 15, 16
-_HEAD = """#1=APPLICATION_PROTOCOL_DEFINITION('international standard','automotive_design',2000,#2);
+HEAD = """#1=APPLICATION_PROTOCOL_DEFINITION('international standard','automotive_design',2000,#2);
 #2=APPLICATION_CONTEXT('core data for automotive mechanical design processes');
 #3=SHAPE_DEFINITION_REPRESENTATION(#4,#10);
 #4=PRODUCT_DEFINITION_SHAPE('','',#5);
@@ -50,7 +50,7 @@ _HEAD = """#1=APPLICATION_PROTOCOL_DEFINITION('international standard','automoti
 #20=UNCERTAINTY_MEASURE_WITH_UNIT(LENGTH_MEASURE({uncertainty}),#17,'distance_accuracy_value','confusion accuracy');
 #21=PRODUCT_RELATED_PRODUCT_CATEGORY('part',$,(#7));
 """
-_FIRST_FREE = 23
+FIRST_FREE = 23
 
 
 def real(value: float) -> str:
@@ -71,7 +71,7 @@ class _Writer:
 
     def __init__(self, points_mm: FloatArray) -> None:
         self.lines: list[str] = []
-        self.next = _FIRST_FREE
+        self.next = FIRST_FREE
         self.points_mm = points_mm
         self.point: dict[int, int] = {}
         self.vertex: dict[int, int] = {}
@@ -141,5 +141,5 @@ def step_text(patches: Patchwork, names: tuple[str, ...], uncertainty_m: float) 
     odd = sum(1 for n in writer.uses.values() if n != 2)
     require(odd == 0, CadError, f"{odd} edges of the solid are not shared by exactly two faces: the surface is not closed; repair it first")
     shell = f"#22=CLOSED_SHELL('',({','.join(f'#{n}' for n in numbers)}));\n"
-    head = _HEAD.format(name=PRODUCT_NAME, uncertainty=real(uncertainty_m * MILLIMETRES_PER_METRE))
+    head = HEAD.format(name=PRODUCT_NAME, uncertainty=real(uncertainty_m * MILLIMETRES_PER_METRE))
     return HEADER.format(description="scan2fea solid", name="model.step") + head + shell + "".join(writer.lines) + FOOTER

@@ -1,5 +1,6 @@
 """Volume meshes: tets inside a closed surface, by gmsh in a child process."""
 
 from scan2fea.tetmeshing.fill import Filled, FillOptions, fill
+from scan2fea.tetmeshing.layers import layered
 
-__all__ = ["FillOptions", "Filled", "fill"]
+__all__ = ["FillOptions", "Filled", "fill", "layered"]

@@ -13,6 +13,8 @@ import numpy as np
 
 from scan2fea.errors import MeshingError
 
+KILLED = 9  # SIGKILL
+
 # what gmsh says -> what the user can do; the first that fits
 _REASONS = (
     ("overlapping facets", "two parts of the surface lie on one another", "repair the surface, or remesh it finer where walls are thin"),
@@ -61,6 +63,8 @@ def in_words(reason: str) -> str:
 def _crash(code: int, stderr: str, memory_limit_gib: float) -> str:
     if "MemoryError" in stderr or "bad_alloc" in stderr:
         return f"the mesher ran out of its {memory_limit_gib:g} GiB: raise tetmeshing.memory_limit_gib or mesh coarser"
+    if code == -KILLED:
+        return "the mesher was killed from outside: most often the system ran out of memory; lower run.jobs or mesh coarser"
     how = f"signal {-code}" if code < 0 else f"exit code {code}"
     last = stderr.strip().splitlines()[-1] if stderr.strip() else "no message"
     return f"the mesher crashed ({how}; {last}): the surface is one it cannot handle; repair or remesh it"

@@ -10,16 +10,16 @@ from scan2fea.verification.mesh import relative
 NOISE_SIGMAS = 3.0  # 99.7 % of the points of a Gaussian scanner lie within
 
 
-def deviation_checks(found: Deviation, spacing_m: float, sigma_m: float, supported_share: float) -> tuple[Check, ...]:
+def deviation_checks(found: Deviation, spacing_m: float, sigma_m: float, supported_share: float | None) -> tuple[Check, ...]:
     """Points to surface within the noise or the spacing, whichever is larger; and enough of the surface seen.
 
     supported_share : share of the area that lies on a support plane, which closes it without being seen; it counts as known.
+        None: the surface is that of a fitted member, which follows from the faces that were seen.
     """
-    limit = max(NOISE_SIGMAS * sigma_m, spacing_m)
-    return (
-        at_most("shape.deviation_p95", found.p95_m, limit),
-        at_least("shape.measured_area", min(1.0, found.measured_area_fraction + supported_share)),
-    )
+    near = at_most("shape.deviation_p95", found.p95_m, max(NOISE_SIGMAS * sigma_m, spacing_m))
+    if supported_share is None:
+        return (near,)
+    return near, at_least("shape.measured_area", min(1.0, found.measured_area_fraction + supported_share))
 
 
 def drift_checks(volume_m3: float, first_volume_m3: float, thicker: float) -> tuple[Check, ...]:

@@ -106,6 +106,16 @@ def test_half_a_ball_fails_with_its_reason_and_keeps_what_was_made(tmp_path):
     jsonschema.validate(report_of(tmp_path / "OUT"), report_schema())
 
 
+def test_agreement_of_two_inputs_is_in_the_report(tmp_path):
+    points = sphere_scan(4000)
+    for k in range(2):
+        np.savetxt(tmp_path / f"{k}.xyz", points[k::2], fmt="%.6f")
+    main(["run", *(str(tmp_path / f"{k}.xyz") for k in range(2)), "-o", str(tmp_path / "OUT"), "--set", "select.min_points=100000"])
+    frames = report_of(tmp_path / "OUT")["registration"]["frames"]
+    assert all(0 < frame["agreement_m"] < 0.01 for frame in frames)
+    jsonschema.validate(report_of(tmp_path / "OUT"), report_schema())
+
+
 def test_bad_input_beside_a_good_one(tmp_path):
     np.savetxt(tmp_path / "good.xyz", sphere_scan(), fmt="%.6f")
     (tmp_path / "bad.las").write_bytes(b"LASF" + bytes(50))

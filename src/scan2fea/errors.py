@@ -9,6 +9,7 @@
     │   └── EmptyScanError    readable, but no usable point in it
     ├── StageError            one object cannot go on: the run does        exit 4 if it is the last
     │   ├── SegmentationError
+    │   ├── EstimationError
     │   ├── ReconstructionError
     │   ├── RepairError
     │   ├── MeshingError
@@ -49,6 +50,10 @@ class StageError(Scan2FeaError):
 
 
 class SegmentationError(StageError):
+    pass
+
+
+class EstimationError(StageError):
     pass
 
 

@@ -28,10 +28,19 @@ def test_set_wins_over_file(tmp_path):
     assert (config.run.seed, config.run.jobs) == (7, 1)
 
 
+def test_one_word_is_a_list_of_one():
+    assert load_config(None, {"select.kinds": "support"}).select.kinds == ("support",)
+    assert load_config(None, {"select.kinds": '["support", "object"]'}).select.kinds == ("support", "object")
+
+
 @pytest.mark.parametrize(
     ("key", "value", "told"),
     [
         ("run.sed", "1", "did you mean 'run.seed'"),
+        ("segmentation.method", "eucledian", "did you mean 'euclidean'"),
+        ("select.kinds", "3", "expected a list"),
+        ("input.unit", "feet", "use one of m, mm"),
+        ("segmentation.method", "magic", "use one of euclidean, given, single"),
         ("seed", "1", "not known"),
         ("run", "1", "not known"),
         ("run.seed.deep", "1", "not known"),

@@ -193,7 +193,8 @@ def test_a_converted_object_without_one_of_its_records_makes_a_page(tmp_path, ke
         item = copy.deepcopy(CONVERTED)
         spoilt(item)
         report["objects"] = [item]
-        Reader(render_page(saved(tmp_path, report)))
+        words = Reader(render_page(saved(tmp_path, report))).text()
+        assert ("could not be converted" in words) == (key == "verdict")
 
 
 def test_damaged_files_are_told_and_left_out(tmp_path):

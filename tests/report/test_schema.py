@@ -18,24 +18,24 @@ Spoil = Callable[[dict[str, Any]], object]
 
 
 def test_schema_is_itself_valid():
-    jsonschema.Draft202012Validator.check_schema(report_schema())
+    assert list(jsonschema.Draft202012Validator(jsonschema.Draft202012Validator.META_SCHEMA).iter_errors(report_schema())) == []
 
 
 def test_good_report_is_accepted():
-    VALIDATOR.validate(fake_report())
+    assert list(VALIDATOR.iter_errors(fake_report())) == []
 
 
 def test_more_keys_are_allowed():
     report = fake_report()
     report["note"] = "x"
     report["objects"][0]["surface"]["genus"] = 0
-    VALIDATOR.validate(report)
+    assert list(VALIDATOR.iter_errors(report)) == []
 
 
 def test_empty_run_is_accepted():
     report = fake_report()
     report.update(objects=[], stages=[], registration=None)
-    VALIDATOR.validate(report)
+    assert list(VALIDATOR.iter_errors(report)) == []
 
 
 @pytest.mark.parametrize(

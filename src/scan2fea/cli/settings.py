@@ -15,6 +15,9 @@ SHORT_FORMS = {
     "labels": "input.labels",
     "sensor_position": "input.sensor_position",
     "seed": "run.seed",
+    "family": "estimation.family",
+    "member": "route.member",
+    "catalogue": "route.catalogue",
 }
 
 

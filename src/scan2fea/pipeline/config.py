@@ -11,22 +11,25 @@ import math
 import tomllib
 import types
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from scan2fea.cad import CadOptions
 from scan2fea.errors import InputError, UsageError, require
+from scan2fea.estimation.member import MemberOptions
+from scan2fea.estimation.solid import SolidOptions
 from scan2fea.fea import FeaOptions
 from scan2fea.filtering import FilteringOptions
 from scan2fea.io import InputOptions
 from scan2fea.options import option
+from scan2fea.pipeline.route import RouteOptions
 from scan2fea.reconstruction import ReconstructionOptions
 from scan2fea.registration import RegistrationOptions
 from scan2fea.remeshing import RemeshOptions
 from scan2fea.repair import RepairOptions
-from scan2fea.segmentation import SegmentationOptions, SelectOptions
+from scan2fea.segmentation import METHODS, SegmentationOptions, SelectOptions
 from scan2fea.tetmeshing import FillOptions
 from scan2fea.units import UNIT_SYSTEMS
 
@@ -55,6 +58,9 @@ class Config:
     filtering: FilteringOptions = field(default_factory=FilteringOptions)
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
     select: SelectOptions = field(default_factory=SelectOptions)
+    route: RouteOptions = field(default_factory=RouteOptions)
+    estimation: MemberOptions = field(default_factory=MemberOptions)
+    solid: SolidOptions = field(default_factory=SolidOptions)
     reconstruction: ReconstructionOptions = field(default_factory=ReconstructionOptions)
     repair: RepairOptions = field(default_factory=RepairOptions)
     remeshing: RemeshOptions = field(default_factory=RemeshOptions)
@@ -87,6 +93,7 @@ def load_config(path: Path | None = None, settings: Mapping[str, Any] | None = N
     config = Config()
     for key, value in values.items():
         config = _with(config, key.split("."), value, key)
+    _require_choice(config.segmentation.method, tuple(METHODS), "segmentation.method")
     return _seeded(config, values)
 
 
@@ -154,13 +161,14 @@ def _checked(value: Any, kind: Any, f: dataclasses.Field[Any], key: str) -> Any:
         made = _as(value, member)
         if made is not None:
             return _in_range(made, f, key)
-    wanted = " or ".join("auto" if m is type(None) else getattr(m, "__name__", str(m)) for m in members)
+    wanted = " or ".join("auto" if m is type(None) else "a list" if typing.get_origin(m) is tuple else m.__name__ for m in members)
     raise UsageError(f"{key} = {value!r}: expected {wanted}")
 
 
 def _as(value: Any, member: Any) -> Any:
     if typing.get_origin(member) is tuple:
         inner = typing.get_args(member)
+        value = (value,) if isinstance(value, str) else value  # a list of one
         if not isinstance(value, (list, tuple)) or (Ellipsis not in inner and len(value) != len(inner)):
             return None
         kinds = (inner[0],) * len(value) if Ellipsis in inner else inner
@@ -176,9 +184,8 @@ def _as(value: Any, member: Any) -> Any:
 def _in_range(value: Any, f: dataclasses.Field[Any], key: str) -> Any:
     doc = f.metadata
     choices, low, high = doc.get("choices") or (), doc.get("minimum"), doc.get("maximum")
-    if choices and value not in choices:
-        near = difflib.get_close_matches(str(value), choices, n=1)
-        raise UsageError(f"{key} = {value!r}: use one of {', '.join(choices)}" + (f"; did you mean {near[0]!r}?" if near else ""))
+    if choices:
+        _require_choice(value, choices, key)
     numbers = value if isinstance(value, tuple) else (value,)
     for number in numbers:
         if isinstance(number, int | float) and not isinstance(number, bool):
@@ -186,6 +193,12 @@ def _in_range(value: Any, f: dataclasses.Field[Any], key: str) -> Any:
             require(low is None or number >= low, UsageError, f"{key} = {value}: the least allowed is {low}")
             require(high is None or number <= high, UsageError, f"{key} = {value}: the most allowed is {high}")
     return value
+
+
+def _require_choice(value: Any, choices: Sequence[str], key: str) -> None:
+    near = difflib.get_close_matches(str(value), choices, n=1)
+    says = f"{key} = {value!r}: use one of {', '.join(filter(None, choices))}" + (f"; did you mean {near[0]!r}?" if near else "")
+    require(value in choices, UsageError, says)
 
 
 # ------------------------------------------------------------------ writing

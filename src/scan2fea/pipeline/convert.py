@@ -18,12 +18,12 @@ from scan2fea.fea import build_model, solve
 from scan2fea.io.artifacts import save
 from scan2fea.kernel.boundary import boundary_surface
 from scan2fea.kernel.coverage import deviation, face_origin
-from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_areas, volume
 from scan2fea.kernel.noise import spacing
-from scan2fea.kernel.thickness import places_on, thickness_at
 from scan2fea.pipeline.config import Config
-from scan2fea.pipeline.outputs import BREP, write_object
+from scan2fea.pipeline.drift import moved
+from scan2fea.pipeline.members import build_member, choose_route
+from scan2fea.pipeline.outputs import BREP, MEMBER, write_object
 from scan2fea.pipeline.part import Made, Part
 from scan2fea.pipeline.record import Record, Tracked
 from scan2fea.pipeline.results import object_row
@@ -31,7 +31,7 @@ from scan2fea.reconstruction import reconstruct
 from scan2fea.remeshing import eased, remesh, worst_dihedral
 from scan2fea.repair import repair
 from scan2fea.tetmeshing import Filled, fill
-from scan2fea.types import MEASURED, IntArray, TriangleMesh
+from scan2fea.types import MEASURED, IntArray, TetMesh, TriangleMesh
 from scan2fea.verification.limits import limits
 from scan2fea.verification.mesh import brep_checks, surface_checks, tet_checks
 from scan2fea.verification.response import response_checks
@@ -53,30 +53,25 @@ def convert(part: Part, key: str, config: Config, record: Record, folder: Path) 
     files = write_object(made, folder, config)
     if made.brep is not None:
         save(made.brep, record.folder / BREP)  # for the assembly
+    if made.member is not None:
+        save(made.member, record.folder / MEMBER)  # for the wireframe
     return object_row(made, files)
 
 
 def _chain(made: Made, source: Tracked[Part], config: Config, record: Record) -> None:
-    shaped = _shape(made, source, config, record)
-    if any(not check.passed for check in made.checks):
-        return  # refused: what follows would only decorate a wrong shape
-    repaired = record("repair", repair, shaped, options=config.repair, n_in=len(shaped.value.faces), count=lambda r: len(r.mesh.faces))
-    _moved(made, "repair", repaired.value.mesh)
-    scale = {"spacing_m": made.spacing_m, "sigma_m": made.sigma_m}
-    source_mesh = Tracked(repaired.value.mesh, repaired.key)
-    remeshed = record(
-        "remesh", remesh, source_mesh, options=config.remeshing, extra=scale, n_in=len(source_mesh.value.faces), count=lambda r: len(r.mesh.faces)
-    )
-    _moved(made, "remesh", remeshed.value.mesh)
-    surface = Tracked(remeshed.value.mesh, remeshed.key)
-
-    filled = _solid_and_tets(made, surface, config, record)
-    _moved(made, "tets", boundary_surface(filled.value.tets))
+    member = choose_route(made, source, config, record)
+    if member is not None:
+        tets = build_member(made, member, config, record)
+    else:
+        surface = _surface(made, source, config, record)
+        if any(not check.passed for check in made.checks):
+            return  # refused: what follows would only decorate a wrong shape
+        tets = _solid_and_tets(made, surface, config, record)
+    moved(made, "tets", boundary_surface(tets.value))
     _verify_geometry(made)
     if any(not check.passed for check in made.checks):
         return  # a solution on a wrong mesh would only look like one
 
-    tets = Tracked(filled.value.tets, filled.key)
     model = record("model", build_model, tets, options=config.fea, n_in=len(tets.value.nodes), count=lambda m: len(m.node_sets), keep=False)
     made.model = model.value
     solved = record("solve", solve, model, options=config.fea, n_in=len(tets.value.tets), count=lambda r: r.n_dof)
@@ -84,13 +79,30 @@ def _chain(made: Made, source: Tracked[Part], config: Config, record: Record) ->
     made.checks += response_checks(model.value, solved.value)
 
 
-def _solid_and_tets(made: Made, surface: Tracked[TriangleMesh], config: Config, record: Record) -> Tracked[Filled]:
+def _surface(made: Made, source: Tracked[Part], config: Config, record: Record) -> Tracked[TriangleMesh]:
+    """The closed surface of a free form, repaired and with triangles that a mesher can use; or as far as its checks let it come."""
+    shaped = _shape(made, source, config, record)
+    if any(not check.passed for check in made.checks):
+        return shaped
+    repaired = record("repair", repair, shaped, options=config.repair, n_in=len(shaped.value.faces), count=lambda r: len(r.mesh.faces))
+    moved(made, "repair", repaired.value.mesh)
+    scale = {"spacing_m": made.spacing_m, "sigma_m": made.sigma_m if made.residual_m is None else made.residual_m}
+    source_mesh = Tracked(repaired.value.mesh, repaired.key)
+    remeshed = record(
+        "remesh", remesh, source_mesh, options=config.remeshing, extra=scale, n_in=len(source_mesh.value.faces), count=lambda r: len(r.mesh.faces)
+    )
+    moved(made, "remesh", remeshed.value.mesh)
+    return Tracked(remeshed.value.mesh, remeshed.key)
+
+
+def _solid_and_tets(made: Made, surface: Tracked[TriangleMesh], config: Config, record: Record) -> Tracked[TetMesh]:
     """The B-Rep and the tets inside it. Where these come out too flat the surface is eased there and both are made again; the best stays."""
     best: Tracked[Filled] | None = None
     limit = float(limits()["tets.min_dihedral"]["limit"])
     for attempt in range(EASINGS + 1):
         try:
             brep = record("solid", to_brep, surface, options=config.cad, n_in=len(surface.value.faces), count=lambda b: len(b.face_names))
+            made.brep = made.brep or brep.value  # kept also where no tets follow
             filled = record("tets", fill, surface, brep, options=config.tetmeshing, n_in=len(surface.value.faces), count=lambda f: len(f.tets.tets))
         except StageError:
             if best is None:
@@ -106,7 +118,7 @@ def _solid_and_tets(made: Made, surface: Tracked[TriangleMesh], config: Config, 
         raise InternalError("no attempt at the tets ended")
     made.tets = best.value.tets
     made.how.update(best.value.how)
-    return best
+    return Tracked(best.value.tets, best.key)
 
 
 def _shape(made: Made, source: Tracked[Part], config: Config, record: Record) -> Tracked[TriangleMesh]:
@@ -114,29 +126,16 @@ def _shape(made: Made, source: Tracked[Part], config: Config, record: Record) ->
     part = source.value
     if part.mesh is not None:
         made.spacing_m, made.sensor = spacing(part.mesh.vertices), "unknown"
-        _moved(made, "given", part.mesh)
+        moved(made, "given", part.mesh)
         return Tracked(part.mesh, source.key)
     scan = Tracked(part.scan, source.key)
     found = record("reconstruct", reconstruct, scan, options=config.reconstruction, n_in=len(part.scan.cloud), count=lambda r: len(r.mesh.faces))
     made.spacing_m, made.sigma_m, made.sensor = found.value.spacing_m, found.value.sigma_m, found.value.sensor
+    made.residual_m = found.value.residual_m
     made.how.update(found.value.how)
     made.checks += found.value.checks
-    _moved(made, "reconstruct", found.value.mesh)
+    moved(made, "reconstruct", found.value.mesh)
     return Tracked(found.value.mesh, found.key)
-
-
-def _moved(made: Made, step: str, mesh: TriangleMesh) -> None:
-    """`mesh` is the surface from now on; what the step did to it is entered in the drift ledger."""
-    made.surface = mesh
-    if not len(mesh.faces):
-        return
-    if made.places is None:
-        made.places = places_on(mesh)
-    made.thickness.append(thickness_at(mesh, made.places))
-    known = made.thickness[-1][np.isfinite(made.thickness[-1])]
-    distance = PointToMesh(mesh).nearest(made.part.scan.cloud.points).distance
-    thickness = float(np.median(known)) if len(known) else np.nan
-    made.drift.append({"step": step, "volume_m3": volume(mesh), "thickness_m": thickness, "p95_m": float(np.percentile(distance, 95))})
 
 
 def _verify_geometry(made: Made) -> None:
@@ -155,7 +154,7 @@ def _verify_geometry(made: Made) -> None:
         found = replace(found, measured_area_fraction=1.0)
     made.deviation, made.supported_share = found, supported
     made.surface = replace(surface, face_origin=origin, deviation_m=found.per_vertex_m)
-    made.checks += deviation_checks(found, made.spacing_m, made.sigma_m, supported)
+    made.checks += deviation_checks(found, made.spacing_m, made.sigma_m, supported if made.member is None else None)
     first = 0 if made.part.mesh is None else 1  # a file with faces may enter open: count from its repair
     ratio = made.thickness[-1] / made.thickness[first]
     thicker = float(np.median(ratio[np.isfinite(ratio)])) - 1 if np.isfinite(ratio).any() else np.nan

@@ -12,10 +12,13 @@ from typing import Any
 import numpy as np
 
 from scan2fea.io.artifacts import fingerprint, save
+from scan2fea.io.files import write_bytes
 from scan2fea.pipeline.children import Limits, run_children
 from scan2fea.pipeline.config import Config, as_tree
-from scan2fea.pipeline.part import Part
-from scan2fea.pipeline.record import KEEP, Say, key_of
+from scan2fea.pipeline.outputs import write_object
+from scan2fea.pipeline.part import Made, Part
+from scan2fea.pipeline.record import KEEP, RESULT, Say, key_of
+from scan2fea.pipeline.results import object_row
 from scan2fea.pipeline.scene import Scene
 from scan2fea.segmentation import Selection, contact_points
 from scan2fea.types import Scan, Segments
@@ -49,7 +52,7 @@ def convert_all(parts: Sequence[Part], out: Path, config: Config, resume: bool, 
         if not resume:
             shutil.rmtree(folder, ignore_errors=True)
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / "result.json").unlink(missing_ok=True)
+        (folder / RESULT).unlink(missing_ok=True)
         save(part, folder / "part.npz")
         files = out / "objects" / f"{part.id:02d}"
         task = {"key": fingerprint(part), "config": as_tree(config), "resume": resume, "label": str(part.id), "out": str(files), "done": key}
@@ -62,19 +65,21 @@ def convert_all(parts: Sequence[Part], out: Path, config: Config, resume: bool, 
     def done(folder: Path, why: str) -> None:
         if why:
             _write_failed(by_folder[folder], folder, out, why)
-        row = json.loads((folder / "result.json").read_text(encoding="utf-8"))["object"]
+        row = json.loads((folder / RESULT).read_text(encoding="utf-8"))["object"]
         say({"event": "verdict", "object": str(row["id"]), "verdict": row["verdict"], "reason": row["reason"]})
 
     jobs = config.run.jobs or os.cpu_count() or 1
     run_children(todo, jobs, Limits(seconds=config.run.object_seconds, gib=config.run.object_gib), say, done)
-    results = [json.loads((folder / "result.json").read_text(encoding="utf-8")) for folder in by_folder]
+    results = [json.loads((folder / RESULT).read_text(encoding="utf-8")) for folder in by_folder]
     return [r["object"] for r in results], [stage for r in results for stage in r["stages"]]
 
 
 def _is_done(folder: Path, key: str) -> bool:
+    """Whether the object was made from the same part and options, and not stopped on the way."""
     try:
         task = json.loads((folder / "task.json").read_text(encoding="utf-8"))
-        return bool(task["done"] == key) and (folder / "result.json").exists()
+        result = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+        return bool(task["done"] == key and not result["lacks"])
     except (OSError, ValueError, KeyError):
         return False
 
@@ -87,16 +92,8 @@ def _drop_others(out: Path, names: set[str]) -> None:
 
 
 def _write_failed(part: Part, folder: Path, out: Path, why: str) -> None:
-    """The row of an object whose process did not come back: what its stages wrote stays."""
-    row = {
-        "id": part.id,
-        "kind": part.kind,
-        "route": "reconstruction",
-        "route_reason": "its process ended early",
-        "n_points": len(part.scan.cloud),
-        "checks": [],
-        "files": sorted(p.name for p in (out / "objects" / f"{part.id:02d}").glob("*")),
-        "verdict": "failed",
-        "reason": why,
-    }
-    (folder / "result.json").write_text(json.dumps({"object": row, "stages": []}), encoding="utf-8")
+    """Cloud and row of an object of which nothing else could be saved."""
+    files = out / "objects" / f"{part.id:02d}"
+    made = Made(part=part, stopped=why)
+    row = object_row(made, write_object(made, files, Config()))
+    write_bytes(folder / RESULT, json.dumps({"object": row, "stages": [], "lacks": "everything"}, allow_nan=False).encode())

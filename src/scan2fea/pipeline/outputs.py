@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,11 +16,15 @@ from scan2fea.io.artifacts import load
 from scan2fea.kernel.coverage import face_origin
 from scan2fea.kernel.quality import tet_quality
 from scan2fea.pipeline.config import Config
+from scan2fea.pipeline.frame_file import FRAME, write_frame
+from scan2fea.pipeline.member_rows import member_row
 from scan2fea.pipeline.part import Made
+from scan2fea.pipeline.results import finite_tree
+from scan2fea.pipeline.route import ESTIMATION
 from scan2fea.types import MEASURED, FloatArray, TriangleMesh
 from scan2fea.units import unit_system
 
-BREP = "brep.npz"  # of each object, among what --resume reads
+BREP, MEMBER = "brep.npz", "member.npz"  # of each object, among what --resume reads
 
 # Okabe and Ito's colours, which colour-blind readers tell apart
 COLOURS = (
@@ -40,6 +45,13 @@ def write_assembly(out: Path, keep: Path, objects: Sequence[Mapping[str, Any]]) 
         breps = [load(keep / f"{number:02d}" / BREP) for number in converted]
         colours = [COLOURS[k % len(COLOURS)] for k in range(len(breps))]
         write_text(out / "assembly.step", assembly(breps, [f"OBJECT_{number:02d}" for number in converted], colours))
+
+
+def write_members(out: Path, keep: Path, objects: Sequence[Mapping[str, Any]]) -> None:
+    """OUT/frame.json: the axes of the converted members, joined where they meet. Not written where there is none."""
+    (out / FRAME).unlink(missing_ok=True)
+    built = [row["id"] for row in objects if row["verdict"] == "converted" and row["route"] == ESTIMATION]
+    write_frame(out, [load(keep / f"{number:02d}" / MEMBER) for number in built], [f"OBJECT_{number:02d}" for number in built])
 
 
 def write_object(made: Made, folder: Path, config: Config) -> list[str]:
@@ -63,6 +75,9 @@ def write_object(made: Made, folder: Path, config: Config) -> list[str]:
             {"min_dihedral_deg": tet_quality(made.tets.nodes, made.tets.tets)["min_dihedral_deg"]},
         )
         write_msh(folder / "volume.msh", made.tets)
+    if made.member is not None:
+        row = finite_tree(member_row(made.member, made.estimate.p_fixed if made.estimate is not None else None))
+        write_text(folder / "member.json", json.dumps(row, indent=1, allow_nan=False) + "\n")
     if made.brep is not None:
         write_text(folder / "model.step", made.brep.step)
     if made.model is not None:

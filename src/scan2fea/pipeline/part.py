@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from scan2fea.kernel.coverage import Deviation
-from scan2fea.types import Brep, Check, FEModel, FEResult, FloatArray, Scan, TetMesh, TriangleMesh, Value
+from scan2fea.pipeline.route import ESTIMATION, Estimate
+from scan2fea.types import Brep, Check, FEModel, FEResult, FloatArray, Member, Route, Scan, TetMesh, TriangleMesh, Value
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -24,9 +25,12 @@ class Made:
     """What has been made of one object so far; the only mutable thing of the chain, so that a failure keeps what came before it."""
 
     part: Part
+    route: Route | None = None
+    estimate: Estimate | None = None  # what estimation said, whichever way was taken
     surface: TriangleMesh | None = None  # the latest surface; in the end the boundary of the tets
     spacing_m: float = 0.0
     sigma_m: float = 0.0
+    residual_m: float | None = None  # noise left in the surface, where less than that of the points
     sensor: str = "unknown"
     how: dict[str, Any] = field(default_factory=dict)
     deviation: Deviation | None = None
@@ -40,3 +44,9 @@ class Made:
     places: FloatArray | None = None  # where the thickness is followed through the steps
     thickness: list[FloatArray] = field(default_factory=list)  # one per step of the drift ledger
     stopped: str = ""  # why the chain ended early
+
+    @property
+    def member(self) -> Member | None:
+        """The member that the object was built as; None where its surface was reconstructed or given."""
+        is_built = self.route is not None and self.route.name == ESTIMATION and self.estimate is not None
+        return self.estimate.member if is_built and self.estimate is not None else None

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from scan2fea import __version__
-from scan2fea.errors import Scan2FeaError
+from scan2fea.errors import Scan2FeaError, StageError
 from scan2fea.io.artifacts import load, save
 from scan2fea.pipeline.config import as_tree
 from scan2fea.pipeline.memory import PeakMemory
@@ -25,6 +25,16 @@ T = TypeVar("T")
 Say = Callable[[Mapping[str, Any]], None]  # receives each event: the CLI's progress, a child's pipe, or nothing
 
 KEEP = ".scan2fea"  # folder inside OUT for what --resume reads
+RESULT, ENDED = "result.json", "ended.json"  # of each object in there: its row and stages; how its process ended before its time
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ended:
+    """How a process that was to make an object ended before its time. stage : that it was in, "" between two.   stages : events of those it ended."""
+
+    why: str
+    stage: str
+    stages: tuple[Mapping[str, Any], ...]
 
 
 @dataclass(frozen=True)
@@ -44,10 +54,13 @@ def key_of(*parts: Any) -> str:
 class Record:
     """The log of one run (or of one object in its child process)."""
 
-    def __init__(self, folder: Path, *, resume: bool = False, say: Say | None = None, label: str = "") -> None:
+    def __init__(self, folder: Path, *, resume: bool = False, say: Say | None = None, label: str = "", ended: Ended | None = None) -> None:
+        """`ended`: nothing is made any more; a stage whose result was not kept raises StageError with `ended.why`, and `lacks` names it."""
         self.folder = folder
-        self.resume = resume
+        self.resume = resume or ended is not None
         self.label = label
+        self.lacks = ""
+        self._ended = ended
         self.stages: list[dict[str, Any]] = []
         self._say: Say = say or (lambda _: None)
         folder.mkdir(parents=True, exist_ok=True)
@@ -76,6 +89,7 @@ class Record:
             result = self._kept(path) if self.resume and keep else None
             kept = result is not None
             if result is None:
+                self._may_make(name, keep)
                 positional = [d.value for d in data] + ([options] if options is not None else [])
                 result = verb(*positional, **dict(extra or {}))
                 if keep:
@@ -95,6 +109,12 @@ class Record:
         }
         self.stages.append({**row, "options": dict(options)})
         self.event("end", **row, kept=kept)
+
+    def _may_make(self, name: str, keep: bool) -> None:
+        """Raises StageError after an early end, but for what is too cheap to keep and was not what the process ended in."""
+        if self._ended is not None and (keep or self._ended.stage == name):
+            self.lacks = self.lacks or name
+            raise StageError(self._ended.why)
 
     def event(self, what: str, **data: Any) -> None:
         self._say({"event": what, "object": self.label or None, **data})

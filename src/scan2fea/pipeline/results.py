@@ -20,16 +20,18 @@ from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.quality import summary, surface_quality, tet_quality
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.pipeline.config import Config, known_keys
+from scan2fea.pipeline.frames import registration_row
+from scan2fea.pipeline.member_rows import member_row
 from scan2fea.pipeline.part import Made
 from scan2fea.pipeline.scene import Scene
-from scan2fea.types import Brep, Check, FEModel, FEResult, Segments, TetMesh, TriangleMesh
+from scan2fea.types import Brep, Check, FEModel, FEResult, Member, Segments, TetMesh, TriangleMesh
+from scan2fea.verification.member import SEEN
 from scan2fea.verification.verdict import verdict
 
 SCHEMA = 1
+
 MAX_NAMES = 500  # names of more CAD faces than this help nobody
 LIBRARIES = ("numpy", "scipy", "numba", "PyMaxflow", "gmsh", "cadquery-ocp-novtk", "pyamg")
-ROUTE_REASON = "free form: the surface is reconstructed from the points; members are not yet fitted by this version"
-GIVEN_REASON = "the input has faces: it enters at repair"
 
 
 def number(x: Any) -> Any:
@@ -137,8 +139,8 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
     row: dict[str, Any] = {
         "id": made.part.id,
         "kind": made.part.kind,
-        "route": "reconstruction",
-        "route_reason": ROUTE_REASON if made.part.mesh is None else GIVEN_REASON,
+        "route": made.route.name if made.route is not None else "reconstruction",
+        "route_reason": made.route.reason if made.route is not None else "stopped before the route was chosen",
         "n_points": len(made.part.scan.cloud),
         "size_m": np.ptp(made.part.scan.cloud.points, axis=0),
         "sensor": made.sensor,
@@ -146,6 +148,8 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
         "noise_m": number(made.sigma_m),
         "how": {key: value for key, value in made.how.items() if isinstance(value, str | int | float | bool)},
     }
+    if made.member is not None:
+        row["member"] = member_row(made.member, made.estimate.p_fixed if made.estimate is not None else None)
     if made.surface is not None and len(made.surface.faces):
         row["surface"] = surface_row(made.surface)
     if made.tets is not None:
@@ -159,10 +163,22 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
     row["checks"] = [check_row(check) for check in made.checks]
     row["files"] = list(files)
     row["verdict"], row["reason"] = found.name, found.reason
-    if found.name == "converted" and made.supported_share > 0:
+    if found.name == "converted" and made.member is not None:
+        row["reason"] += assumed(made.member)
+    elif found.name == "converted" and made.supported_share > 0:
         row["supported_share"] = made.supported_share
-        row["reason"] += f"; {made.supported_share:.0%} of the surface was not seen: it rests on a plane that was"
+        share = f"{made.supported_share:.0%}" if made.supported_share >= 0.01 else "less than 1 %"
+        row["reason"] += f"; {share} of the surface was not seen: it rests on a plane that was"
     return dict(finite_tree({key: value for key, value in row.items() if value is not None}))
+
+
+def assumed(member: Member) -> str:
+    """What the solid of a member rests on besides its points, for the verdict's line."""
+    walls = [p for p in member.parameters if p.source == "catalogue"]
+    said = ", ".join(f"{p.name} = {p.value_m * 1e3:.4g} mm" for p in walls)
+    prior = f"; not observable, taken from the catalogue: {said}" if walls else ""
+    unseen = sum(share < SEEN for share in member.seen.values())
+    return prior + (f"; {unseen} of {len(member.seen)} faces of the section were not seen, they follow from the others" if unseen else "")
 
 
 def deviation_row(made: Made) -> dict[str, Any] | None:
@@ -194,7 +210,7 @@ def run_report(
         "command": list(command),
         "frame": {"shift_m": [float(x) for x in scene.shift_m]},
         "inputs": list(inputs),
-        "registration": {"mode": "placed", "frames": frame_rows(inputs, scene), "links": []},
+        "registration": registration_row(inputs, scene, config.registration.mode),
         "spacing_m": number(scene.spacing_m),
         "segmentation": dict(segments.how),
         "stages": list(stages),
@@ -206,18 +222,6 @@ def run_report(
     return dict(finite_tree(report))
 
 
-def frame_rows(inputs: Sequence[Mapping[str, Any]], scene: Scene) -> list[dict[str, Any]]:
-    """registration.frames[], one per input; one that could not be read is not placed."""
-    rows, k = [], 0
-    for row in inputs:
-        placed = bool(row["used"]) and bool(scene.trajectory.placed[k])
-        T = scene.trajectory.T_world_frame[k].tolist() if placed else None
-        k += bool(row["used"])
-        reason = None if placed else row["reason"] or "no pose was given for it"
-        rows.append({"path": row["path"], "placed": placed, "T_world_frame": T, "std_m": None, "std_rad": None, "reason": reason})
-    return rows
-
-
 def assumptions(inputs: Sequence[Mapping[str, Any]]) -> list[str]:
     """What was taken for granted, one sentence each."""
     assumed = [row["path"] for row in inputs if row["unit_source"] == "assumed"]
@@ -225,6 +229,14 @@ def assumptions(inputs: Sequence[Mapping[str, Any]]) -> list[str]:
     if len(assumed) > 3:
         told.append(f"the same holds for {len(assumed) - 3} more inputs")
     return [*told, "every object is solid and of one linear elastic material, see the deck"]
+
+
+def assumed_unit(inputs: Sequence[Mapping[str, Any]], scene: Scene) -> tuple[str, ...]:
+    """One line where a unit was assumed, with what it makes of the scene: thousands of metres are soon seen to be millimetres."""
+    if not any(row["unit_source"] == "assumed" for row in inputs):
+        return ()
+    size = " x ".join(f"{length:.4g}" for length in np.ptp(scene.scan.cloud.points, axis=0))
+    return (f"no unit stated: taken for metres, which makes the scene {size} m (--unit mm, in, ft, ... says otherwise)",)
 
 
 def finite_tree(tree: Any) -> Any:

@@ -18,11 +18,13 @@ from scan2fea.errors import InputError, UsageError, require
 from scan2fea.io import InputOptions, RawScan, read_scan, write_cloud_ply, write_trajectory
 from scan2fea.io.files import existing_file, sha256_of, write_bytes
 from scan2fea.pipeline.config import Config, to_toml
+from scan2fea.pipeline.frames import trajectory_of_all
 from scan2fea.pipeline.labels import edited, labels_text, read_rows
 from scan2fea.pipeline.objects import convert_all, parts_of
-from scan2fea.pipeline.outputs import write_assembly
+from scan2fea.pipeline.outputs import write_assembly, write_members
 from scan2fea.pipeline.record import KEEP, Record, Say, Tracked, key_of
-from scan2fea.pipeline.results import input_row, run_report
+from scan2fea.pipeline.results import assumed_unit, input_row, run_report
+from scan2fea.pipeline.route import known_section, table_of
 from scan2fea.pipeline.scene import Scene, clean, place_all, segment
 from scan2fea.segmentation import select
 from scan2fea.types import Segments
@@ -37,11 +39,12 @@ def run(
 
     Raises UsageError, and InputError where no input is usable; a failed object does not raise.
     """
+    known_section(config.estimation, config.route, table_of(config.route))  # what is wrong with it is wrong before anything is read
     _prepare(out, resume)
     _write_text(out / "config.toml", to_toml(config))
     with _Log(out / "log.jsonl", say) as log:
         record = Record(out / KEEP, resume=resume, say=log)
-        raws, rows = _read_all(inputs, config.input, record)
+        raws, rows = read_all(inputs, config.input, record)
         names = [Path(raw.value.path).name for raw in raws]
         scene = record("place", _placing(names), *raws, options=config.registration, n_in=len(raws), count=_n_points)
         scene = record("clean", clean, scene, options=config.filtering, n_in=_n_points(scene.value), count=_n_points)
@@ -49,11 +52,12 @@ def run(
         segments = _edited(out, found, scene.value, resume)
         chosen = select(scene.value.scan.cloud, segments, config.select)
         parts = parts_of(scene.value, segments, chosen, config)
-        _write_scene(out, scene.value, segments)
-        for text in (*scene.value.notes, *chosen.notes):
+        _write_scene(out, rows, scene.value, segments)
+        for text in (*assumed_unit(rows, scene.value), *scene.value.notes, *chosen.notes):
             log({"event": "note", "object": None, "text": text})
         objects, stages = convert_all(parts, out, config, resume, log)
         write_assembly(out, out / KEEP / "objects", objects)
+        write_members(out, out / KEEP / "objects", objects)
         report = run_report(config, command, rows, scene.value, segments, record.stages + stages, objects, chosen.notes)
         _write_text(out / "report.json", json.dumps(report, indent=1, allow_nan=False) + "\n")
     return report
@@ -87,7 +91,7 @@ def _prepare(out: Path, resume: bool) -> None:
                 old.unlink()
 
 
-def _read_all(inputs: Sequence[Path], options: InputOptions, record: Record) -> tuple[list[Tracked[RawScan]], list[dict[str, Any]]]:
+def read_all(inputs: Sequence[Path], options: InputOptions, record: Record) -> tuple[list[Tracked[RawScan]], list[dict[str, Any]]]:
     """Every input that can be read, and one row of the report for each of all. Raises InputError if none can."""
     raws: list[Tracked[RawScan]] = []
     rows: list[dict[str, Any]] = []
@@ -121,13 +125,13 @@ def _edited(out: Path, found: Tracked[Segments], scene: Scene, resume: bool) -> 
     return found.value
 
 
-def _write_scene(out: Path, scene: Scene, segments: Segments) -> None:
+def _write_scene(out: Path, rows: Sequence[Mapping[str, Any]], scene: Scene, segments: Segments) -> None:
     cloud = scene.scan.cloud
     sigma = cloud.sigma_along_m if cloud.sigma_along_m is not None else np.full(len(cloud), np.nan)
     inferred = cloud.is_inferred if cloud.is_inferred is not None else np.zeros(len(cloud), bool)
     columns: dict[str, Any] = {"label": segments.labels.astype(np.int32), "is_inferred": inferred.astype(np.uint8), "sigma_m": sigma}
     write_cloud_ply(out / "cloud.ply", cloud, columns)
-    write_trajectory(out / "trajectory.txt", scene.trajectory)
+    write_trajectory(out / "trajectory.txt", trajectory_of_all(rows, scene))
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -13,7 +13,7 @@ from scan2fea.errors import EmptyScanError, require
 from scan2fea.filtering import FilteringOptions, clean_up
 from scan2fea.io import RawScan
 from scan2fea.kernel.noise import spacing
-from scan2fea.registration import RegistrationOptions, place, read_poses
+from scan2fea.registration import Link, RegistrationOptions, place, read_poses
 from scan2fea.segmentation import SegmentationOptions, segment_scene
 from scan2fea.types import FloatArray, PointCloud, Scan, Segments, Trajectory, TriangleMesh, Value
 
@@ -32,13 +32,20 @@ class MeshInput(Value):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scene(Value):
-    """All inputs in one frame. shift_m : (3,), every coordinate is input minus this.   is_kept : (n,) bool, False: marked by a filter."""
+    """All inputs in one frame. shift_m : (3,), every coordinate is input minus this.   agreement_m : (k,) median distance of each
+    input to the others where they overlap, nan where they do not.
+    """
 
     scan: Scan
     meshes: tuple[MeshInput, ...]
     trajectory: Trajectory
     shift_m: FloatArray
     spacing_m: float
+    agreement_m: FloatArray
+    std_m: FloatArray
+    std_rad: FloatArray
+    reasons: tuple[str, ...]
+    links: tuple[Link, ...]
     notes: tuple[str, ...]
 
 
@@ -52,12 +59,13 @@ def require_extent(points: FloatArray) -> None:
 
 
 def place_all(raws: tuple[RawScan, ...], options: RegistrationOptions, *, names: Sequence[str]) -> Scene:
-    """The inputs where their files or `registration.poses` put them, and the whole scene near the origin.
+    """The inputs where their files or `registration.poses` put them or where registration finds their place, near the origin.
 
     Raises InputError for a file of poses that cannot be read or names none of the inputs.
     """
     poses = read_poses(Path(options.poses), list(names)) if options.poses else [None] * len(raws)
-    placed = place([raw.scan for raw in raws], poses, list(names), options)
+    own, fixed = [raw.pose_given for raw in raws], [raw.mesh is not None for raw in raws]
+    placed = place([raw.scan for raw in raws], poses, list(names), options, is_placed=own, is_fixed=fixed)
     shift = shift_of(placed.scan.cloud.points)
     meshes = []
     for frame, raw in enumerate(raws):
@@ -67,7 +75,19 @@ def place_all(raws: tuple[RawScan, ...], options: RegistrationOptions, *, names:
     notes = tuple(f"{name}: {note}" for name, raw in zip(names, raws, strict=True) for note in raw.notes) + placed.notes
     scan = shifted(placed.scan, shift)
     require_extent(scan.cloud.points)
-    return Scene(scan=scan, meshes=tuple(meshes), trajectory=placed.trajectory, shift_m=shift, spacing_m=spacing(scan.cloud.points), notes=notes)
+    return Scene(
+        scan=scan,
+        meshes=tuple(meshes),
+        trajectory=placed.trajectory,
+        shift_m=shift,
+        spacing_m=spacing(scan.cloud.points),
+        agreement_m=placed.agreement_m,
+        std_m=placed.std_m,
+        std_rad=placed.std_rad,
+        reasons=placed.reasons,
+        links=placed.links,
+        notes=notes,
+    )
 
 
 def shift_of(points: FloatArray) -> FloatArray:

@@ -8,6 +8,7 @@ from typing import Any
 from scan2fea.report.charts import bars
 from scan2fea.report.figures import camera_for, deviation_figure, origin_figure, plain_figure, points_figure, regions_figure
 from scan2fea.report.markup import NOTHING, Html, figure_cell, table, tag
+from scan2fea.report.member import member_section
 from scan2fea.report.parts import anchor, badge, downloads, facts, mark, picture, quality_table, section
 from scan2fea.report.saved import Geometry
 from scan2fea.report.solids import Solid, cut_figure, displacement_figure, mode_figure, quality_charts, worst_elements
@@ -28,7 +29,6 @@ from scan2fea.report.words import (
     quantity,
     unobserved,
     volume,
-    with_deviation,
 )
 from scan2fea.units import MILLIMETRES_PER_METRE
 
@@ -48,7 +48,7 @@ def object_section(item: Item, place: int, made: Geometry, files: Sequence[str],
         _facts(item, made.size_m),
         tag("div", *pictures, class_="pictures") if pictures else NOTHING,
         tag("div", *charts, class_="charts") if charts else NOTHING,
-        tag("div", _member(item), _checks(item), _response(item), _shape(item), _mesh(item, made.solid), _drift(item), class_="parts"),
+        tag("div", member_section(item), _checks(item), _response(item), _shape(item), _mesh(item, made.solid), _drift(item), class_="parts"),
         tag("p", "Files: ", downloads(files), class_="files"),
         id=anchor(place),
         class_="object",
@@ -107,28 +107,6 @@ def _facts(item: Item, size: Sequence[float] | None) -> Html:
     rows += [("Material", fea["material"].get("name", "\u2013"))] if fea.get("material") else []
     rows += [("Made by", f"{item.get('route')}: {item.get('route_reason') or 'no reason given'}")]
     return facts(rows)
-
-
-def _member(item: Item) -> Html:
-    """Dimensions of a fitted member with their standard deviations, and what the catalogue says."""
-    member = item.get("member")
-    if not member:
-        return NOTHING
-    rows = []
-    for name, value in (member.get("parameters") or {}).items():
-        seen = value.get("observable", True)
-        std = value.get("std_m")
-        shown = with_deviation(value["value_m"] * MILLIMETRES_PER_METRE, std * MILLIMETRES_PER_METRE if std is not None and seen else None)
-        rows.append([name, figure_cell(f"{shown} mm", "value"), "measured" if seen else "not observable: from the catalogue"])
-    likely = [
-        (str(row.get("name")), float(row.get("probability") or 0), percent(row.get("probability"))) for row in (member.get("catalogue") or [])[:6]
-    ]
-    classes = ["" if value.get("observable", True) else "prior" for value in (member.get("parameters") or {}).values()]
-    return section(
-        f"Member {member.get('family', '')}",
-        table(("dimension", "value", "from"), rows, row_classes=classes),
-        bars(likely, title="Catalogue", caption="Probability of each section."),
-    )
 
 
 def _checks(item: Item) -> Html:

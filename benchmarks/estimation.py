@@ -1,0 +1,151 @@
+"""Members at the statistical limit: RMSE over the Cramer-Rao bound, bias and coverage of every dimension, families, length, sag and time.
+
+    python benchmarks/estimation.py [--quick] [--seeds N] [--state FILE] [--only NAME]
+
+Each run of a cell is one line of the state file (JSON); a second call goes on where the first stopped, and prints the table from what is there.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+from scan2fea.errors import Scan2FeaError
+from scan2fea.estimation.closest_point import closest_point
+from scan2fea.estimation.member import MemberOptions, fit_member
+from scan2fea.kernel.section_likelihood import information
+from scan2fea.kernel.sections import PARAMETERS
+from scan2fea.kernel.transforms import random_rotation
+from scan2fea.simulation.member import MemberScanOptions, member_points
+from scan2fea.types import PointCloud, Scan
+
+THIN = {"a": 0.127, "b": 0.127, "t": 0.00635, "length": 3.048}
+BLOCK = {"a": 0.254, "b": 0.254, "t": 0.127, "length": 1.0}
+SHAPES = {
+    "L": {"a": 0.15, "b": 0.1, "t": 0.012, "length": 1.8},
+    "I": {"h": 0.2, "b": 0.1, "tw": 0.0056, "tf": 0.0085, "length": 1.8},
+    "C": {"h": 0.16, "b": 0.065, "tw": 0.0075, "tf": 0.0105, "length": 1.5},
+    "T": {"h": 0.1, "b": 0.1, "tw": 0.011, "tf": 0.011, "length": 1.2},
+    "RHS": {"h": 0.15, "b": 0.1, "t": 0.008, "length": 1.6},
+    "CHS": {"d": 0.1683, "t": 0.01, "length": 1.6},
+    "rect": {"b": 0.12, "t": 0.02, "length": 1.2},
+    "round": {"d": 0.06, "length": 0.9},
+}
+
+
+def cells(quick: bool) -> dict[str, dict]:
+    """Name -> what is scanned and how."""
+    out: dict[str, dict] = {}
+    for sigma in (0.0005, 0.002, 0.0067, 0.02):
+        for n in (3_000, 20_000) if quick else (3_000, 20_000, 200_000):
+            out[f"thin L, {1e3 * sigma:g} mm, {n}"] = {"family": "L", "values": THIN, "sigma": sigma, "n": n}
+    out["block of Fig 3.6, 25.4 mm, 3000"] = {"family": "L", "values": BLOCK, "sigma": 0.0254, "n": 3_000}
+    out["thin L, 0 mm, 3000"] = {"family": "L", "values": THIN, "sigma": 0.0, "n": 3_000, "caps": True}
+    out["thin L, uniform 20 mm, 20000"] = {"family": "L", "values": THIN, "sigma": 0.02 / 3**0.5, "n": 20_000, "noise": "uniform"}
+    out["thin L, 5 mm sag, 20 mm, 20000"] = {"family": "L", "values": THIN, "sigma": 0.02, "n": 20_000, "bow": ((-0.01 / 3,), (0.0,))}
+    for family, values in SHAPES.items():
+        for scale in (1.0,) if quick else (0.5, 0.75, 1.0, 1.5, 2.5):
+            for share in (0.002, 0.01, 0.03):
+                size = {k: v * scale for k, v in values.items()}
+                wide = max(v for k, v in size.items() if k != "length")
+                out[f"{family} x{scale:g}, noise {share:g} of the section, clutter"] = {
+                    "family": family, "values": size, "sigma": share * wide, "n": 8_000, "clutter": 0.15, "caps": family in ("rect", "round"),
+                }  # fmt: skip
+    return out
+
+
+def run(cell: dict, seed: int, baseline: bool) -> dict:
+    """One scan of a cell, fitted."""
+    family, values = cell["family"], cell["values"]
+    options = MemberScanOptions(
+        noise_m=cell["sigma"], noise=cell.get("noise", "gaussian"), clutter=cell.get("clutter", 0.0), caps=cell.get("caps", False), seed=seed
+    )
+    straight = member_points(family, values, cell["n"], options, cell.get("bow", ((), ())))
+    points = straight @ random_rotation(np.random.default_rng([seed, 1])).T
+    begun = time.process_time()
+    try:
+        found = fit_member(Scan(cloud=PointCloud.of(points)), MemberOptions())
+    except Scan2FeaError as error:
+        return {"seed": seed, "error": str(error), "seconds": time.process_time() - begun}
+    seconds = time.process_time() - begun
+    row = {
+        "seed": seed, "seconds": seconds, "family": found.member.family, "explains": found.explains, "noise": found.member.noise,
+        "values": found.member.values(), "std": {p.name: p.std_m for p in found.member.parameters},
+        "sag": float(np.linalg.norm(found.sag_m)),
+    }  # fmt: skip
+    if baseline:
+        start = {name: 0.9 * values[name] for name in PARAMETERS[family]}
+        row["closest"] = dict(closest_point(straight, family, start).values)
+    return row
+
+
+def bound(cell: dict) -> dict[str, float]:
+    """Cramer-Rao bound of the dimensions and of the length (two edges, each 0.903 rho / sigma)."""
+    n = cell["n"] * (1 - cell.get("clutter", 0.0))
+    names = PARAMETERS[cell["family"]]
+    values = np.array([cell["values"][name] for name in names])
+    sd = dict(information(cell["family"], values, cell["sigma"]).sd(int(n))) if cell["sigma"] > 0 else dict.fromkeys(names, float("nan"))
+    sd["length"] = float(np.sqrt(2 * cell["sigma"] * cell["values"]["length"] / (0.903 * n)))
+    return {name: sd[name] for name in (*names, "length")}
+
+
+def table(cell_of: dict[str, dict], rows: dict[str, list[dict]]) -> None:
+    print(f"{'cell':46s} {'n':>3s} {'family':>6s} {'s CPU':>6s}  dimension: bias mm, RMSE/CRB, cover 95 %, told %, closest-point bias mm")
+    for name, cell in cell_of.items():
+        done = rows.get(name, [])
+        good = [r for r in done if r.get("family") == cell["family"]]
+        if not done:
+            continue
+        limit = bound(cell)
+        parts = []
+        for key, sd in limit.items():
+            error = np.array([r["values"][key] - cell["values"][key] for r in good])
+            told = np.array([r["std"][key] is not None for r in good], bool)
+            std = np.array([r["std"][key] or np.nan for r in good])
+            if not told.any():
+                parts.append(f"{key}: not told")
+                continue
+            rmse = float(np.sqrt(np.mean(error[told] ** 2)))
+            cover = float(np.mean(np.abs(error[told]) < 1.96 * std[told]))
+            base = [r["closest"][key] - cell["values"][key] for r in good if key in r.get("closest", {})]
+            closest = f" ({1e3 * np.mean(base):+.1f})" if base else ""
+            parts.append(f"{key}: {1e3 * error[told].mean():+.2f} {rmse / sd:.2f} {cover:.2f} {100 * told.mean():.0f}{closest}")
+        right = 100 * len(good) / len(done)
+        print(f"{name:46s} {len(done):3d} {right:5.0f}% {np.mean([r['seconds'] for r in done]):6.2f}  " + "; ".join(parts))
+        if "bow" in cell and good:
+            error = np.array([r["sag"] for r in good]) - 0.005
+            crb = 3.354 * 2**0.5 * cell["sigma"] / cell["n"] ** 0.5
+            print(f"{'':46s} sag: bias {1e3 * error.mean():+.2f} mm, RMSE/CRB {np.sqrt(np.mean(error**2)) / crb:.2f}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="fewer sizes and points, three seeds")
+    parser.add_argument("--seeds", type=int, default=0)
+    parser.add_argument("--only", default="", help="cells whose name holds this")
+    parser.add_argument("--state", type=Path, default=Path("estimation.jsonl"))
+    args = parser.parse_args()
+    chosen = {name: cell for name, cell in cells(args.quick).items() if args.only in name}
+    rows: dict[str, list[dict]] = defaultdict(list)
+    if args.state.exists():
+        for line in args.state.read_text().splitlines():
+            one = json.loads(line)
+            rows[one.pop("cell")].append(one)
+    for name, cell in chosen.items():
+        named = name.startswith(("thin", "block"))
+        seeds = args.seeds or (3 if args.quick else 100 if named else 20)
+        for seed in sorted(set(range(seeds)) - {r["seed"] for r in rows[name]}):
+            row = run(cell, seed, named)
+            rows[name].append(row)
+            with args.state.open("a") as state:
+                state.write(json.dumps({"cell": name, **row}) + "\n")
+    table(chosen, rows)
+
+
+if __name__ == "__main__":
+    main()

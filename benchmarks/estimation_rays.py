@@ -1,0 +1,119 @@
+"""How well rays tell a thin angle that the points cannot: 127 x 127 x 6.35 mm, 3.048 m, noise of 20 mm along the ray.
+
+    python benchmarks/estimation_rays.py [--seeds 20] [--cells all,inner,...] [--speed]
+
+Every cell prints, over its seeds: the share of fits within the target, RMSE, the mean reported standard deviation and the cover of 95 % intervals,
+for dimensions that the fit says it can tell, and how often it does.
+"""
+
+import argparse
+import dataclasses
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "estimation"))
+import scans
+
+from scan2fea.estimation.ray_likelihood import RayOptions, fit_rays
+from scan2fea.kernel.transforms import compose, rigid, rotation_about
+from scan2fea.types import Scan
+
+LENGTH = 3.048
+BEAM = 0.003  # rad, full opening
+CELLS = {  # name: (kind, share of frames, sensor, is the footprint stated)
+    "all round, normal noise": ("round", 1.0, {"footprint_rad": BEAM}, True),
+    "all round, uniform noise": ("round", 1.0, {"footprint_rad": BEAM, "noise": "uniform"}, True),
+    "all round, no footprint": ("round", 1.0, {}, True),
+    "all round, footprint not stated": ("round", 1.0, {"footprint_rad": BEAM}, False),
+    "all round, footprint stated half": ("round", 0.5, {"footprint_rad": BEAM}, True),
+    "all round, half of the beam must hit": ("round", 1.0, {"footprint_rad": BEAM, "returns": "half"}, True),
+    "all round, any of the beam may hit": ("round", 1.0, {"footprint_rad": BEAM, "returns": "any"}, True),
+    "all round, hits alone": ("hits", 1.0, {"footprint_rad": BEAM}, True),
+    "HDL-32E inner side": ("inner", 1.0, {"footprint_rad": BEAM}, True),
+    "HDL-32E inner side, 20 % of the frames": ("inner", 0.2, {"footprint_rad": BEAM}, True),
+    "HDL-32E outer side": ("outer", 1.0, {"footprint_rad": BEAM}, True),
+    "HDL-32E outer side, 20 % of the frames": ("outer", 0.2, {"footprint_rad": BEAM}, True),
+    "HDL-32E inner side, no footprint": ("inner", 1.0, {}, True),
+    "HDL-32E outer side, no footprint": ("outer", 1.0, {}, True),
+    "HDL-32E inner side, uniform noise": ("inner", 1.0, {"footprint_rad": BEAM, "noise": "uniform"}, True),
+}
+
+
+def start_of(solid, seed):
+    """The axis a few mm and 0.2 degrees off, any roll, the section 30 % off: what a fit to the points would give, or worse."""
+    rng = np.random.default_rng([seed, 10])
+    off = rigid(rotation_about((*rng.standard_normal(2), 0), 0.003), rng.uniform(-0.02, 0.02, 3))
+    away = compose(solid.T_world_member, off, rigid(rotation_about((0, 0, 1), rng.uniform(0, 6.28)), (0, 0, 0)))
+    return scans.member("L", {"a": 0.09, "b": 0.15, "t": 0.02}, LENGTH - 0.018, away)
+
+
+def scan_of(kind, share, sensor, seed, n_hits=20_000):
+    """Ring scans look at the angle's inside or outside within 29 degrees of its diagonal; stations all round see any roll."""
+    rng = np.random.default_rng([seed, 9])
+    ring = kind in ("inner", "outer")
+    solid = scans.member("L", scans.THIN_L, LENGTH, scans.pose(seed, np.pi / 4 + rng.uniform(-0.5, 0.5) if ring else None))
+    if ring:
+        return solid, scans.ring_scan(solid, 1 if kind == "inner" else -1, sensor, seed, share=share)
+    scan = scans.all_round(solid, n_hits, sensor, seed)
+    return solid, scan.compact() if kind == "hits" else scan
+
+
+def run(name, seeds):
+    kind, share, sensor, stated = CELLS[name]
+    rows = {d: [] for d in ("a", "b", "t", "length")}
+    seconds = []
+    for seed in range(seeds):
+        solid, scan = scan_of(kind, share, scans.Sensor(**sensor), seed)
+        if not stated:
+            scan = Scan(cloud=scan.cloud, rays=dataclasses.replace(scan.rays, footprint_rad=None))
+        options = RayOptions(footprint_rad=0.5 * BEAM) if name.endswith("stated half") else RayOptions()
+        begin = time.process_time()
+        fit = fit_rays(scan, start_of(solid, seed), options)
+        seconds.append(time.process_time() - begin)
+        for one in fit.member.parameters:
+            rows[one.name].append((one.value_m - solid.values()[one.name], one.std_m if one.observable else np.nan))
+    print(f"{name}: {np.median(seconds):.2f} s of CPU, {fit.n_hits} hits and {fit.n_misses} misses near the member (last seed)")
+    legs = np.array(rows["a"] + rows["b"])
+    limit = 3.0 if kind in ("inner", "outer") else 1.5
+    report("legs", legs * 1e3, limit)
+    report("t", np.array(rows["t"]) * 1e3, 2.0)
+    report("length", np.array(rows["length"]) * 1e3, 5.0)
+
+
+def report(name, rows, limit):
+    told = np.isfinite(rows[:, 1])
+    error, sd = rows[told, 0], rows[told, 1]
+    line = f"    {name:7s} told {told.mean():4.0%}"
+    if told.any():
+        cover = np.mean(np.abs(error) < 1.96 * sd)
+        within = np.mean(np.abs(error) < limit)
+        line += f", of these within {limit} mm {within:4.0%}, bias {error.mean():+.2f}, rmse {np.sqrt(np.mean(error**2)):.2f}, "
+        line += f"sd reported {np.sqrt(np.mean(sd**2)):.2f} mm, 95 % interval covers {cover:.2f}"
+    print(line + f"; all within {limit} mm {np.mean(np.abs(rows[:, 0]) < limit):4.0%}", flush=True)
+
+
+def speed():
+    sensor = scans.Sensor(footprint_rad=BEAM)
+    for n in (20_000, 200_000, 1_400_000):
+        solid, scan = scan_of("round", 1.0, sensor, 0, n)
+        fit_rays(scan, start_of(solid, 0), RayOptions(n_start=200, n_fit=500, n_polish=500))  # compile
+        begin, wall = time.process_time(), time.time()
+        fit = fit_rays(scan, start_of(solid, 0))
+        print(f"{len(scan.rays)} rays ({fit.n_hits} hits): {time.process_time() - begin:.2f} s of CPU, {time.time() - wall:.2f} s", flush=True)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--cells", default="", help="parts of the names of the cells, with commas between")
+    parser.add_argument("--speed", action="store_true")
+    chosen = parser.parse_args()
+    if chosen.speed:
+        speed()
+    else:
+        for cell in CELLS:
+            if not chosen.cells or any(part in cell for part in chosen.cells.split(",")):
+                run(cell, chosen.seeds)

@@ -1,0 +1,78 @@
+"""`scan2fea fit`: the points of one file as one member. Exit 0 where it explains them, 4 where it does not."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from scan2fea.cli.settings import config_of
+from scan2fea.pipeline.fit import FittedFile, fit_file, write_member
+from scan2fea.types import Member, Parameter
+from scan2fea.units import MILLIMETRES_PER_METRE
+
+NOT_EXPLAINED = 4
+SHOWN = 6  # lines of the catalogue and of the damage
+SURE = 0.9995
+
+
+def execute(given: argparse.Namespace) -> int:
+    fitted = fit_file(Path(given.file), config_of(given))
+    _print(fitted, given.file)
+    if given.out:
+        write_member(Path(given.out), fitted)
+        print(f"\n  written: {given.out}")
+    return 0 if fitted.found.explains else NOT_EXPLAINED
+
+
+def _print(fitted: FittedFile, name: str) -> None:
+    raw, member, found = fitted.raw, fitted.member, fitted.found
+    print(name)
+    print(f"  points        {len(raw.scan.cloud):,}, unit {raw.unit} ({raw.unit_source}), sensor position {raw.sensor}")
+    print(f"  member        {member.family}, {'explains the points' if found.explains else 'does NOT explain the points'}: {found.reason}")
+    if found.p_fixed is not None:
+        print(f"  given sizes   p-value {found.p_fixed:.3g} {'(the points contradict them)' if found.p_fixed < 0.01 else ''}")
+    print(f"\n  {'dimension':<12}{'value, mm':>12}{'std, mm':>10}  observable  from")
+    for parameter in member.parameters:
+        print(_line(parameter))
+    print()
+    for key, text in _facts(member):
+        print(f"  {key:<13} {text}")
+
+
+def _line(p: Parameter) -> str:
+    std = "-" if p.std_m is None else f"{p.std_m * MILLIMETRES_PER_METRE:.3g}"
+    digits = 3 if p.std_m is None else max(0, min(6, 2 - int(f"{max(p.std_m * MILLIMETRES_PER_METRE, 1e-9):e}".split("e")[1])))
+    source = {"fitted": "the points", "fixed": "given", "catalogue": "the catalogue (assumed)"}.get(p.source, p.source)
+    return f"  {p.name:<12}{p.value_m * MILLIMETRES_PER_METRE:>12.{digits}f}{std:>10}  {'yes' if p.observable else 'NO':<10}  {source}"
+
+
+def _facts(member: Member) -> list[tuple[str, str]]:
+    noise = f"sigma {member.sigma_m * MILLIMETRES_PER_METRE:.3g} mm, {member.noise}"
+    rows = [("noise", f"{noise}; {member.outlier_share:.1%} of the points belong to something else")]
+    rows.append(("axis", _axis(member)))
+    families = sorted(member.families.items(), key=lambda item: -item[1])
+    rows.append(("families", ", ".join(f"{name} {_probability(p)}" for name, p in families[:4] if p > 5e-4)))
+    rows += [("catalogue" if k == 0 else "", f"{_probability(e.probability):>6}  {e.name}") for k, e in enumerate(member.catalogue[:SHOWN])]
+    unseen = [name for name, share in member.seen.items() if share <= 0]
+    rows.append(("faces", f"{len(member.seen) - len(unseen)} of {len(member.seen)} seen" + (f"; not seen: {', '.join(unseen)}" if unseen else "")))
+    for k, d in enumerate(member.damage[:SHOWN]):
+        at = ", ".join(f"{x:.3f}" for x in d.position_m)
+        depth, std = d.depth_m * MILLIMETRES_PER_METRE, d.std_m * MILLIMETRES_PER_METRE
+        told = f"{d.kind} at ({at}) m, {d.size_m * MILLIMETRES_PER_METRE:.0f} mm wide, {depth:.2g} +- {std:.2g} mm deep, p {d.p_value:.2g}"
+        rows.append(("damage" if k == 0 else "", told))
+    if not member.damage:
+        rows.append(("damage", "none that is significant"))
+    return rows
+
+
+def _axis(member: Member) -> str:
+    start, along = member.T_world_member[:3, 3], member.T_world_member[:3, 2]
+    at, to = (", ".join(f"{x:.4f}" for x in v) for v in (start, start + along * member.values()["length"]))
+    bent = float((member.bow**2).sum()) ** 0.5
+    shape = f"bowed by {bent * MILLIMETRES_PER_METRE:.2g} mm (Legendre)" if bent > 0 else "straight"
+    turned = f", twisted by {2 * member.twist[0] * 57.29578:.3g} deg" if len(member.twist) and member.twist[0] else ""
+    return f"({at}) to ({to}) m, {shape}{turned}"
+
+
+def _probability(p: float) -> str:
+    return "> 99.9%" if SURE < p < 1 else f"{p:.1%}"

@@ -1,0 +1,71 @@
+"""One file as one member: what `scan2fea fit` prints, and member.json."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scan2fea.errors import EmptyScanError, EstimationError, require
+from scan2fea.io import RawScan, read_scan, write_text
+from scan2fea.pipeline.config import Config
+from scan2fea.pipeline.member_rows import member_row
+from scan2fea.pipeline.results import finite_tree
+from scan2fea.pipeline.route import Estimate, estimate
+from scan2fea.pipeline.scene import require_extent, shift_of, shifted
+from scan2fea.types import FloatArray, Member, Value
+
+MEMBER_SCHEMA = "scan2fea member 1"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FittedFile(Value):
+    """raw : the file as read.   found : what estimation says of all its points together.   member : of `found`.
+
+    shift_m : (3,), the frame of the member is the input's minus this.
+    """
+
+    raw: RawScan
+    found: Estimate
+    member: Member
+    shift_m: FloatArray
+
+
+def fit_file(path: Path, config: Config) -> FittedFile:
+    """Fit all points of a file as one member.
+
+    Raises InputError for a file that cannot be used, UsageError for a bad designation or table, EstimationError where no section fits at all.
+    """
+    raw = read_scan(path, config.input)
+    require(len(raw.scan.cloud), EmptyScanError, f"{path}: holds no usable point")
+    require_extent(raw.scan.cloud.points)
+    shift = shift_of(raw.scan.cloud.points)
+    scan = shifted(raw.scan, shift)
+    found = estimate(scan, config.estimation, config.route)
+    if found.member is None:
+        raise EstimationError(f"{path}: no member can be fitted: {found.reason}")
+    return FittedFile(raw=raw, found=found, member=found.member, shift_m=shift)
+
+
+def member_tree(fitted: FittedFile) -> dict[str, Any]:
+    """member.json as plain values: the row of report.json, and what it was fitted to."""
+    head = {
+        "schema": MEMBER_SCHEMA,
+        "sha256": fitted.raw.sha256,
+        "n_points": len(fitted.raw.scan.cloud),
+        "unit": fitted.raw.unit,
+        "unit_source": fitted.raw.unit_source,
+        "sensor": fitted.raw.sensor,
+        "shift_m": np.asarray(fitted.shift_m).tolist(),
+        "explains": fitted.found.explains,
+        "reason": fitted.found.reason,
+    }
+    return dict(finite_tree({**head, **member_row(fitted.member, fitted.found.p_fixed)}))
+
+
+def write_member(path: Path, fitted: FittedFile) -> None:
+    """Write member.json."""
+    write_text(path, json.dumps(member_tree(fitted), indent=1, allow_nan=False) + "\n")

@@ -1,0 +1,22 @@
+"""OUT/frame.json: the fitted members of a run as a wireframe."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from scan2fea.estimation.frame import frame, frame_rows
+from scan2fea.io import write_text
+from scan2fea.pipeline.results import finite_tree
+from scan2fea.types import Member
+
+FRAME = "frame.json"
+
+
+def write_frame(out: Path, members: Sequence[Member], names: Sequence[str]) -> bool:
+    """Write OUT/frame.json; False (and no file) where there is no member."""
+    if not members:
+        return False
+    write_text(out / FRAME, json.dumps(finite_tree(frame_rows(frame(members), names)), indent=1, allow_nan=False) + "\n")
+    return True

@@ -1,0 +1,39 @@
+"""objects[].member of report.json: the dimensions of a fitted member, and how far to trust each."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from scan2fea.types import Member
+
+
+def member_row(member: Member, p_fixed: float | None = None) -> dict[str, Any]:
+    """The row; every number is SI."""
+    parameters = {p.name: {"value_m": p.value_m, "std_m": p.std_m, "observable": p.observable, "source": p.source} for p in member.parameters}
+    return {
+        "family": member.family,
+        "families": dict(member.families),
+        "parameters": parameters,
+        "covariance_m2": np.asarray(member.covariance).tolist(),
+        "catalogue": [{"name": e.name, "probability": e.probability, "parameters_m": dict(e.parameters)} for e in member.catalogue],
+        "T_world_member": np.asarray(member.T_world_member).tolist(),
+        "bow_m": np.asarray(member.bow).tolist(),
+        "twist_rad": np.asarray(member.twist).tolist(),
+        "end_normals": np.asarray(member.end_normals).tolist(),
+        "residual": {"sigma_m": member.sigma_m, "noise": member.noise, "outlier_share": member.outlier_share},
+        "seen": dict(member.seen),
+        "p_fixed": p_fixed,
+        "damage": [
+            {
+                "kind": d.kind,
+                "position_m": np.asarray(d.position_m).tolist(),
+                "size_m": d.size_m,
+                "depth_m": d.depth_m,
+                "std_m": d.std_m,
+                "p_value": d.p_value,
+            }
+            for d in member.damage
+        ],
+    }

@@ -1,0 +1,71 @@
+"""The way of a member: fitted, checked, and built as the solid that it is; no triangles between the points and the model."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scan2fea.cad import prism_brep
+from scan2fea.estimation.layers import layers_of
+from scan2fea.estimation.solid import Solid, solid_of
+from scan2fea.kernel.noise import spacing
+from scan2fea.pipeline.config import Config
+from scan2fea.pipeline.drift import moved
+from scan2fea.pipeline.part import Made, Part
+from scan2fea.pipeline.record import Record, Tracked
+from scan2fea.pipeline.route import ESTIMATION, RECONSTRUCTION, Estimate, estimate, route_of
+from scan2fea.tetmeshing import layered
+from scan2fea.types import Brep, Member, Route, TetMesh
+from scan2fea.verification.member import member_checks
+
+GIVEN = "the input has faces: it enters at repair"
+ASKED = "free form: route.mode asks for it"
+
+
+def choose_route(made: Made, source: Tracked[Part], config: Config, record: Record) -> Tracked[Member] | None:
+    """Enter the route into `made`; the member where it is to be built. One that is not known well enough is reconstructed instead."""
+    part, mode = source.value, config.route.mode
+    if part.mesh is not None or mode == RECONSTRUCTION:
+        made.route = Route(name="reconstruction", reason=GIVEN if part.mesh is not None else ASKED)
+        return None
+    scan, known = Tracked(part.scan, source.key), {"route": config.route}
+    found = record("estimate", estimate, scan, options=config.estimation, extra=known, n_in=len(part.scan.cloud), count=_n_told)
+    made.estimate, made.route = found.value, route_of(found.value, mode)
+    member = made.member
+    if member is None:
+        return None
+    checks = member_checks(member, found.value.explains)
+    failed = [check for check in checks if not check.passed]
+    if failed and mode != ESTIMATION:
+        made.route = Route(name="reconstruction", reason=f"free form, because as a member of family {member.family}: {failed[0].says}")
+        return None
+    made.checks += checks
+    return Tracked(member, found.key)
+
+
+def _n_told(found: Estimate) -> int:
+    """Dimensions that the points tell."""
+    return 0 if found.member is None else sum(p.observable for p in found.member.parameters)
+
+
+def build_member(made: Made, member: Tracked[Member], config: Config, record: Record) -> Tracked[TetMesh]:
+    """Solid, B-Rep and tets of the fitted member, entered into `made`."""
+    scan = made.part.scan
+    made.spacing_m, made.sigma_m = spacing(scan.cloud.points), member.value.sigma_m
+    made.sensor = "known" if np.isfinite(scan.sensors()).all() else "unknown"
+    solid = record("member", solid_of, member, options=config.solid, n_in=len(member.value.parameters), count=lambda s: len(s.face_names))
+    moved(made, "member", solid.value.mesh)
+    n = len(solid.value.face_names)
+    brep = record("solid", _brep, solid, n_in=n, count=lambda b: len(b.face_names))
+    made.brep = brep.value
+    tets = record("tets", _tets, solid, n_in=n, count=lambda t: len(t.tets))
+    made.tets = tets.value
+    return tets
+
+
+def _brep(solid: Solid) -> Brep:
+    return prism_brep(solid.shape, solid.sweep)
+
+
+def _tets(solid: Solid) -> TetMesh:
+    at = layers_of(solid)
+    return layered(at.points, at.triangles, at.rim, at.rim_tag, at.face_names)

@@ -1,0 +1,77 @@
+"""`scan2fea fit`: the table, member.json, exit codes."""
+
+import json
+
+import numpy as np
+import pytest
+
+from estimation.made import made, scanned
+from predicates import rotation
+from scan2fea.cli.main import main
+from scan2fea.io import write_cloud_ply
+from scan2fea.types import PointCloud
+
+L = {"a": 0.127, "b": 0.1, "t": 0.00635}
+
+
+@pytest.fixture(scope="module")
+def beam(tmp_path_factory):
+    """An L of 1.5 m with noise of 1 mm, in metres."""
+    path = tmp_path_factory.mktemp("fit") / "beam.ply"
+    member = made("L", 1.5, L, R=rotation(1), shift=(2, 1, 0), sigma=0.001)
+    write_cloud_ply(path, PointCloud.of(scanned(member, 6000, 0.001, 3)), {})
+    return path
+
+
+def test_dimensions_with_their_errors(beam, tmp_path, capsys):
+    out = tmp_path / "member.json"
+    assert main(["fit", str(beam), "--unit", "m", "--family", "L", "-o", str(out)]) == 0
+    told = capsys.readouterr().out
+    for word in ("dimension", "observable", "the points", "sigma", "catalogue", "6 of 6 seen", "another thickness"):
+        assert word in told, word
+    row = json.loads(out.read_text(encoding="utf-8"))
+    assert row["schema"] == "scan2fea member 1" and row["family"] == "L" and row["explains"] is True and row["n_points"] == 6000
+    for name, true in {**L, "length": 1.5}.items():
+        found = row["parameters"][name]
+        assert found["observable"] and abs(found["value_m"] - true) < 5 * found["std_m"] + 1e-5, (name, found)
+    assert row["damage"] == [] and 0.99 < sum(e["probability"] for e in row["catalogue"]) <= 1.000001
+
+
+def test_given_dimensions_are_kept_and_tested(beam, capsys):
+    assert main(["fit", str(beam), "--unit", "m", "--member", "L127x100x6.35"]) == 0
+    told = capsys.readouterr().out
+    assert "given" in told and "p-value" in told and "contradict" not in told
+    assert main(["fit", str(beam), "--unit", "m", "--member", "L127x100x8"]) in (0, 4)
+    assert "the points contradict them" in capsys.readouterr().out
+
+
+def test_a_ball_is_no_member(tmp_path, capsys):
+    rng = np.random.default_rng(0)
+    ball = rng.normal(size=(800, 3))
+    path = tmp_path / "ball.ply"
+    write_cloud_ply(path, PointCloud.of(0.2 * ball / np.linalg.norm(ball, axis=1)[:, None]), {})
+    assert main(["fit", str(path), "--unit", "m"]) == 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        (["none.ply"], 3, "none.ply"),
+        (["BEAM", "--member", "X17"], 2, "names no section"),
+        (["BEAM", "--family", "Q"], 2, "estimation.family"),
+        (["BEAM", "--catalogue", "none.csv"], 3, "none.csv"),
+        (["BEAM", "--unit", "furlong"], 2, "furlong"),
+        (["BEAM", "--set", "estimation.famly=L"], 2, "did you mean"),
+    ],
+)
+def test_what_is_wrong_is_one_line(beam, arguments, code, says, capsys):
+    assert main(["fit", *(str(beam) if word == "BEAM" else word for word in arguments)]) == code
+    told = capsys.readouterr().err
+    assert says in told and len(told.strip().splitlines()) == 1
+
+
+def test_too_few_points(tmp_path, capsys):
+    path = tmp_path / "few.ply"
+    write_cloud_ply(path, PointCloud.of(np.random.default_rng(1).random((20, 3))), {})
+    assert main(["fit", str(path), "--unit", "m"]) in (3, 4)
+    assert "20 points" in capsys.readouterr().err

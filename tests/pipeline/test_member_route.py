@@ -1,0 +1,82 @@
+"""A member goes the way of estimation, and its files say what it is; what is none is reconstructed, with the reason."""
+
+import json
+
+import numpy as np
+import pytest
+
+from scan2fea.errors import UsageError
+from scan2fea.estimation.member import MemberOptions
+from scan2fea.io import write_scan_ply
+from scan2fea.kernel.sections import section
+from scan2fea.pipeline.config import load_config
+from scan2fea.pipeline.route import RouteOptions, estimate, known_section, route_of
+from scan2fea.pipeline.run import run
+from scan2fea.types import PointCloud, Scan
+
+SIZES = {"a": 0.16, "b": 0.1, "t": 0.012, "length": 0.9}
+SIGMA = 0.001
+
+
+def angle_scan(n: int = 6000, seed: int = 3) -> Scan:
+    """Points on the sides of an angle, Gaussian noise."""
+    random = np.random.default_rng(seed)
+    (loop,) = section("L", SIZES).loops
+    way = np.roll(loop, -1, axis=0) - loop
+    share = np.linalg.norm(way, axis=1)
+    edge = random.choice(len(loop), n, p=share / share.sum())
+    xy = loop[edge] + random.random((n, 1)) * way[edge]
+    points = np.column_stack([xy, SIZES["length"] * random.random(n)]) + random.normal(0, SIGMA, (n, 3))
+    return Scan(cloud=PointCloud.of(points))
+
+
+def ball_scan(n: int = 3000) -> Scan:
+    points = np.random.default_rng(0).normal(size=(n, 3))
+    return Scan(cloud=PointCloud.of(0.2 * points / np.linalg.norm(points, axis=1, keepdims=True)))
+
+
+def test_an_angle_is_estimated_and_a_ball_is_not() -> None:
+    found = estimate(angle_scan(), MemberOptions(), RouteOptions())
+    assert found.member is not None and found.explains and found.member.family == "L"
+    for p in found.member.parameters:
+        assert p.std_m is not None and abs(p.value_m - SIZES[p.name]) < 4 * p.std_m
+    assert route_of(found, "auto").name == "estimation"
+    ball = estimate(ball_scan(), MemberOptions(), RouteOptions())
+    assert not ball.explains
+    assert route_of(ball, "auto").name == "reconstruction"
+    assert route_of(ball, "auto").reason.startswith("free form: ")
+
+
+def test_given_dimensions_are_held_and_tested() -> None:
+    right = estimate(angle_scan(), MemberOptions(), RouteOptions(member="L160x100x12"))
+    assert right.member is not None and right.member.values()["a"] == pytest.approx(0.16, abs=1e-12)
+    assert right.p_fixed is not None and right.p_fixed > 1e-3
+    wrong = estimate(angle_scan(), MemberOptions(), RouteOptions(member="L160x100x10"))
+    assert wrong.p_fixed is not None and wrong.p_fixed < 1e-6
+    with pytest.raises(UsageError, match="takes 3 numbers"):
+        known_section(MemberOptions(), RouteOptions(member="L12x"), None)
+
+
+def test_a_member_runs_to_its_files(tmp_path) -> None:
+    write_scan_ply(tmp_path / "angle.ply", angle_scan())
+    report = run([tmp_path / "angle.ply"], tmp_path / "out", load_config(None, {"run.jobs": 1}))
+    (row,) = report["objects"]
+    assert row["verdict"] == "converted" and row["route"] == "estimation", row["reason"]
+    assert row["member"]["family"] == "L" and row["cad"]["n_faces"] == 8 and row["cad"]["n_planar"] == 8
+    volume = 0.012 * (0.16 + 0.1 - 0.012) * 0.9
+    assert row["surface"]["volume_m3"] == pytest.approx(volume, rel=0.02)
+    assert row["volume"]["quality"]["min_dihedral_deg"]["min"] > 12
+    folder = tmp_path / "out" / "objects" / "01"
+    told = json.loads((folder / "member.json").read_text())
+    assert told["parameters"]["t"]["observable"] is True
+    frame = json.loads((tmp_path / "out" / "frame.json").read_text())
+    assert len(frame["members"]) == 1 and len(frame["nodes"]) == 2
+    assert "A_OUTER" in (folder / "model.inp").read_text()
+
+
+def test_reconstruction_can_be_asked_for(tmp_path) -> None:
+    write_scan_ply(tmp_path / "angle.ply", angle_scan(12_000))
+    report = run([tmp_path / "angle.ply"], tmp_path / "out", load_config(None, {"run.jobs": 1, "route.mode": "reconstruction"}))
+    (row,) = report["objects"]
+    assert row["route"] == "reconstruction" and "route.mode" in row["route_reason"]
+    assert not (tmp_path / "out" / "frame.json").exists()

@@ -54,7 +54,7 @@ def test_given_dimensions_are_held_and_tested() -> None:
     wrong = estimate(angle_scan(), MemberOptions(), RouteOptions(member="L160x100x10"))
     assert wrong.p_fixed is not None and wrong.p_fixed < 1e-6
     with pytest.raises(UsageError, match="takes 3 numbers"):
-        known_section(MemberOptions(), RouteOptions(member="L12x"), None)
+        known_section(RouteOptions(member="L12x"), None)
 
 
 def test_a_member_runs_to_its_files(tmp_path) -> None:

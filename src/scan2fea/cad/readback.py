@@ -40,40 +40,46 @@ def read_back(step: str) -> ReadBack:
     volume = GProp_GProps()
     BRepGProp.VolumeProperties_s(shape, volume, True)
     centres, areas = [], []
-    for face in _parts(shape, TopAbs_FACE):
+    for face in parts_of_shape(shape, TopAbs_FACE):
         props = GProp_GProps()
         BRepGProp.SurfaceProperties_s(TopoDS.Face(face), props)
         at = props.CentreOfMass()
         centres.append((at.X(), at.Y(), at.Z()))
         areas.append(props.Mass())
     free = 0
-    for shell in _parts(shape, TopAbs_SHELL):
+    for shell in parts_of_shape(shape, TopAbs_SHELL):
         bounds = ShapeAnalysis_FreeBounds(shell)
         for wires in (bounds.GetClosedWires(), bounds.GetOpenWires()):
-            free += 0 if wires.IsNull() else len(_parts(wires, TopAbs_EDGE))
+            free += 0 if wires.IsNull() else len(parts_of_shape(wires, TopAbs_EDGE))
     return ReadBack(
-        is_valid=bool(BRepCheck_Analyzer(shape).IsValid()), n_solids=len(_parts(shape, TopAbs_SOLID)), n_free_edges=free,
+        is_valid=bool(BRepCheck_Analyzer(shape).IsValid()), n_solids=len(parts_of_shape(shape, TopAbs_SOLID)), n_free_edges=free,
         volume_m3=volume.Mass() / MILLIMETRES_PER_METRE**3, area_m2=float(np.sum(areas)) / MILLIMETRES_PER_METRE**2,
         face_centre=np.array(centres).reshape(-1, 3) / MILLIMETRES_PER_METRE, face_area=np.array(areas) / MILLIMETRES_PER_METRE**2,
     )  # fmt: skip
 
 
 def _shape(step: str) -> Any:
-    from OCP.IFSelect import IFSelect_RetDone
-    from OCP.STEPControl import STEPControl_Reader
-
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "solid.step"
         path.write_text(step, encoding="ascii")
-        reader = STEPControl_Reader()
-        require(reader.ReadFile(str(path)) == IFSelect_RetDone, CadError, "Open Cascade cannot read the STEP text that was written (a fault of ours)")
-        reader.TransferRoots()
-        shape = reader.OneShape()
-    require(not shape.IsNull(), CadError, "Open Cascade finds no shape in the STEP text that was written (a fault of ours)")
+        return shape_of_step(path)
+
+
+def shape_of_step(path: Path) -> Any:
+    """Everything a STEP file holds, in millimetres, as one shape of Open Cascade. Raises CadError where it cannot be read."""
+    from OCP.IFSelect import IFSelect_RetDone
+    from OCP.STEPControl import STEPControl_Reader
+
+    reader = STEPControl_Reader()
+    require(reader.ReadFile(str(path)) == IFSelect_RetDone, CadError, f"Open Cascade cannot read the STEP text of {path.name}")
+    reader.TransferRoots()
+    shape = reader.OneShape()
+    require(not shape.IsNull(), CadError, f"Open Cascade finds no shape in the STEP text of {path.name}")
     return shape
 
 
-def _parts(shape: Any, kind: Any) -> list[Any]:
+def parts_of_shape(shape: Any, kind: Any) -> list[Any]:
+    """The faces, edges, solids, ... of a shape."""
     from OCP.TopExp import TopExp_Explorer
 
     found, walk = [], TopExp_Explorer(shape, kind)

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from scan2fea.cli.settings import config_of
+from scan2fea.estimation.given import SIGNIFICANT, Given
 from scan2fea.pipeline.fit import FittedFile, fit_file, write_member
 from scan2fea.types import Member, Parameter
 from scan2fea.units import MILLIMETRES_PER_METRE
@@ -31,12 +32,23 @@ def _print(fitted: FittedFile, name: str) -> None:
     print(f"  member        {member.family}, {'explains the points' if found.explains else 'does NOT explain the points'}: {found.reason}")
     if found.p_fixed is not None:
         print(f"  given sizes   p-value {found.p_fixed:.3g} {'(the points contradict them)' if found.p_fixed < 0.01 else ''}")
+    for g in found.given:
+        print(f"  {'held' if g.held else 'compared':<13} {_given(g)}")
     print(f"\n  {'dimension':<12}{'value, mm':>12}{'std, mm':>10}  observable  from")
     for parameter in member.parameters:
         print(_line(parameter))
     print()
     for key, text in _facts(member):
         print(f"  {key:<13} {text}")
+
+
+def _given(g: Given) -> str:
+    value = f"{g.name} = {g.value_m * MILLIMETRES_PER_METRE:.6g} mm"
+    if g.measured_m is None or g.std_m is None or g.p_value is None:
+        return f"{value}; the points do not tell it"
+    measured = f"{g.measured_m * MILLIMETRES_PER_METRE:.6g} +- {g.std_m * MILLIMETRES_PER_METRE:.2g} mm"
+    denied = "DENIED" if g.is_contradicted else "within mill tolerance" if g.p_value < SIGNIFICANT else "agreed"
+    return f"{value}; the points say {measured}, p {g.p_value:.2g}: {denied}"
 
 
 def _line(p: Parameter) -> str:

@@ -80,11 +80,24 @@ def axes_of(points: FloatArray, seed: int = 0, max_degree: int = 4) -> tuple[Axi
 def tilted(axis: Axis, points: FloatArray, slope: FloatArray, seed: int = 0) -> Axis:
     """The axis along (slope, 1) of its own frame, where a section that was fitted along it says that it runs. points : (n, 3), for the new ends."""
     R = _frame(axis.T_world_axis[:3, :3] @ np.array([slope[0], slope[1], 1.0]))
+    R = R if R[:, 2] @ axis.T_world_axis[:3, 2] > 0 else R * np.array([1.0, -1.0, -1.0])
     T = axis.T_world_axis.copy()
     T[:3, :3] = R
     some = points[sampled_rows(len(points), _POINTS, seed)]
     low, high = rough_ends((some - T[:3, 3]) @ R[:, 2])
     return dataclasses.replace(axis, T_world_axis=T, ends=(low, high))
+
+
+def turned(axis: Axis) -> Axis:
+    """The same axis run the other way: a half turn about its x, (x, y, z) -> (x, -y, -z)."""
+    odd = np.array([(-1.0) ** k for k in range(max(axis.bow.shape[1], len(axis.twist)))])
+    return dataclasses.replace(
+        axis,
+        T_world_axis=axis.T_world_axis @ np.diag([1.0, -1.0, -1.0, 1.0]),
+        ends=(-axis.ends[1], -axis.ends[0]),
+        bow=axis.bow * odd[: axis.bow.shape[1]] * np.array([[1.0], [-1.0]]),
+        twist=-axis.twist * odd[: len(axis.twist)],
+    )
 
 
 def _frame(direction: FloatArray) -> FloatArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import replace
 
 import numpy as np
@@ -14,9 +15,10 @@ from scan2fea.types import FloatArray
 _PAIRS = {"L": ("a", "b"), "RHS": ("h", "b"), "rect": ("b", "t")}  # the first is the longer
 
 
-def canonical(layout: Layout, theta: FloatArray) -> tuple[Layout, FloatArray, bool]:
+def canonical(layout: Layout, theta: FloatArray, held: Collection[str] = ()) -> tuple[Layout, FloatArray, bool]:
     """The longer leg of an L as a, the longer side of RHS as h and of rect as b; True where they changed places.
 
+    Dimensions that are `held` keep their names.
     An L changes them by a half turn of the frame about x: (x, y, z) -> (x, -y, -z), zeta -> -zeta. The others turn by a quarter about z.
     """
     out = theta.copy()
@@ -24,7 +26,7 @@ def canonical(layout: Layout, theta: FloatArray) -> tuple[Layout, FloatArray, bo
     if "roll" in place:
         out[place["roll"]] = math.remainder(theta[place["roll"]], 2 * math.pi)
     pair = _PAIRS.get(layout.family)
-    if pair is None or layout.get(theta, pair[0]) >= layout.get(theta, pair[1]):
+    if pair is None or any(name in held for name in pair) or layout.get(theta, pair[0]) >= layout.get(theta, pair[1]):
         return layout, out, False
     first, second = place[pair[0]], place[pair[1]]
     out[first], out[second] = theta[second], theta[first]

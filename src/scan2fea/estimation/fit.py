@@ -151,7 +151,7 @@ def fit_section(
     found, noises = with_likeliest_noise(scene, found, tuple(KERNELS) if options.noise == "auto" else (options.noise,))
     best = found[0]
     require(math.isfinite(best.bic), EstimationError, f"no section of {', '.join(options.families)} fits the {len(inside)} points")
-    layout, theta, turned = canonical(best.layout, best.theta)
+    layout, theta, turned = canonical(best.layout, best.theta, fixed)
     if turned and layout.family == "L":
         inside, z_used = inside * np.array([1.0, -1.0, -1.0]), (-z_used[1], -z_used[0])
     if turned and best.face_weight is not None:

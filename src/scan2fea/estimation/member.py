@@ -11,13 +11,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from scan2fea.errors import EstimationError, InputError, UsageError, require
-from scan2fea.estimation.axis import Axis, axes_of, tilted
+from scan2fea.estimation.axis import Axis, axes_of, tilted, turned
 from scan2fea.estimation.ends import Ends, find_ends, rough_ends
 from scan2fea.estimation.explain import Explanation, explanation, has_closed_caps, outline_distance
 from scan2fea.estimation.fit import MIN_POINTS, FitOptions, SectionFit, fit_section
+from scan2fea.estimation.given import Given, Told, compared, joint_p_value
 from scan2fea.estimation.initial import starts
 from scan2fea.estimation.likelihood import hull_area
 from scan2fea.estimation.observability import RESOLVED
@@ -60,7 +60,8 @@ class MemberFit(Value):
     explains : whether it does, within their noise; `reason` says why or why not, `explanation` holds the figures.
     sag_m, sag_std_m : (2,) mid-length departure from the chord in the section's x and y, before anything insignificant is set to zero.
     length_std_m : of the distance between the end planes on the axis.   section : the fit it came from, in `axis`.   ends : in the member's frame.
-    p_fixed : probability of data as far from the fixed dimensions as these if those were true; None where none was fixed.
+    p_fixed : probability of data as far from the fixed dimensions as these if those were true; None where none was fixed or the points tell none.
+    given : each fixed or nominal dimension beside what the points say of it.
     why : dimension -> why it is not observable; "rays" -> why known rays were not used.   method : "density" or "rays".
     n_axes : provisional axes tried.
     """
@@ -75,15 +76,22 @@ class MemberFit(Value):
     section: SectionFit
     ends: Ends
     p_fixed: float | None
+    given: tuple[Given, ...]
     why: Mapping[str, str]
     method: str
     n_axes: int
 
 
-def fit_member(scan: Scan, options: MemberOptions = MemberOptions(), fixed: Mapping[str, float] | None = None) -> MemberFit:
+def fit_member(
+    scan: Scan,
+    options: MemberOptions = MemberOptions(),
+    fixed: Mapping[str, float] | None = None,
+    nominal: Mapping[str, float] | None = None,
+) -> MemberFit:
     """The member that the points of one object are likeliest to come from.
 
-    fixed : dimensions (m) that are known: they are not fitted, their contradiction by the points is tested (`p_fixed`); "length" may be among them.
+    fixed : dimensions (m) that are known: they are not fitted, their contradiction by the points is tested (`p_fixed`, `given`); "length" may be
+    among them.   nominal : dimensions (m) that are fitted all the same and then compared (`given`); those of other families are left out.
     Raises InputError for fewer than 50 points or points that are not finite; UsageError for bad options; EstimationError where the points lie on
     one line or no section fits. An object that is no member comes back with `explains` False.
     """
@@ -92,6 +100,8 @@ def fit_member(scan: Scan, options: MemberOptions = MemberOptions(), fixed: Mapp
     families = _families(options, section_fixed)
     axes = axes_of(points, options.seed, options.max_degree)
     found = _swept(points, axes, options, families, fixed or {})
+    if nominal:
+        found = dataclasses.replace(found, given=(*found.given, *_beside(found, nominal)))
     other = _SOLID.get(found.member.family)
     closed = other in families and has_closed_caps(points, found.member, found.member.sigma_m)
     if other in families and (closed or not found.explains):  # from outside a tube and a bar are alike, but a bar's caps are closed
@@ -116,7 +126,7 @@ def _swept(points: FloatArray, axes: tuple[Axis, ...], options: MemberOptions, f
     """One round: the section along the likeliest axis, its curve and ends, and the test."""
     section_fixed = {name: value for name, value in fixed.items() if name != "length"}
     axis, fit = _likeliest(points, axes, options, families, section_fixed)
-    p_fixed = _contradiction(points, axis, options, fit, section_fixed) if section_fixed else None
+    told_free = _free(points, axis, options, fit) if section_fixed else fit
     sweep, sag, sag_std = _significant(sweep_of(axis, fit), fit)
     coordinates = sweep.coordinates(points)
     rough = rough_ends(coordinates[_near(coordinates, fit), 2])
@@ -125,6 +135,9 @@ def _swept(points: FloatArray, axes: tuple[Axis, ...], options: MemberOptions, f
     ends = _ends(coordinates, fit, sweep.span)
     low, high = (end.position_m - float(end.slope @ end.pivot) for end in (ends.low, ends.high))
     require(high > low, EstimationError, "the ends of the member cannot be told apart")
+    p_fixed, given = _tested(fixed, told_free, fit.family, ends)
+    if "length" in fixed:
+        low, high = _of_length(fixed["length"], low, high, ends)
     sweep = sweep.rebased(low, high)
     member = _member(sweep, fit, ends, fixed)
     told = explanation(points, member, fit.sigma_m, options.seed)
@@ -140,6 +153,7 @@ def _swept(points: FloatArray, axes: tuple[Axis, ...], options: MemberOptions, f
         section=fit,
         ends=ends,
         p_fixed=p_fixed,
+        given=given,
         why={**fit.why, **{name: _BLIND for name in fit.names if _blind_plate(fit, name)}},
         method="density",
         n_axes=len(axes),
@@ -202,17 +216,28 @@ def _likeliest(
         axes = tuple(axes[k] for k in order)
     failed: EstimationError | None = None
     for axis in axes:
-        fit = _section(points, axis, options, families, fixed)
-        for _ in range(_RETURNS):
-            slope = _slope(fit) if isinstance(fit, SectionFit) else np.zeros(2)
-            if axis.bow.any() or axis.twist.any() or float(np.abs(slope).max()) < _UPRIGHT:
-                break
-            axis = tilted(axis, points, slope, options.seed)
-            fit = _section(points, axis, options, families, fixed)
-        if isinstance(fit, SectionFit):
-            return axis, fit
-        failed = failed or fit
+        # an angle of unequal legs that are given has one way to run along its axis
+        ways = (axis, turned(axis)) if fixed.get("a") != fixed.get("b") else (axis,)
+        tried = [_upright(points, way, options, families, fixed) for way in ways]
+        fitted = [(way, fit) for way, fit in tried if isinstance(fit, SectionFit)]
+        if fitted:
+            return min(fitted, key=lambda one: one[1].bic)
+        failed = failed or next(fit for _, fit in tried if isinstance(fit, EstimationError))
     raise failed or EstimationError("no section fits the points")
+
+
+def _upright(
+    points: FloatArray, axis: Axis, options: MemberOptions, families: tuple[str, ...], fixed: Mapping[str, float]
+) -> tuple[Axis, SectionFit | EstimationError]:
+    """The section along an axis that is tilted until the section stands upright on it."""
+    fit = _section(points, axis, options, families, fixed)
+    for _ in range(_RETURNS):
+        slope = _slope(fit) if isinstance(fit, SectionFit) else np.zeros(2)
+        if axis.bow.any() or axis.twist.any() or float(np.abs(slope).max()) < _UPRIGHT:
+            break
+        axis = tilted(axis, points, slope, options.seed)
+        fit = _section(points, axis, options, families, fixed)
+    return axis, fit
 
 
 def _is_hopeless(told: Explanation) -> bool:
@@ -248,17 +273,52 @@ def _quick(points: FloatArray, axis: Axis, families: tuple[str, ...], seed: int)
     return best.bic / n + 2 * math.log(0.8 * (high - low) / max(share, 1e-9)), best.layout.family
 
 
-def _contradiction(points: FloatArray, axis: Axis, options: MemberOptions, fit: SectionFit, fixed: Mapping[str, float]) -> float:
-    """p-value of the fixed dimensions: likelihood ratio against the same family with all dimensions free, on the same points (Wilks 1938)."""
+def _free(points: FloatArray, axis: Axis, options: MemberOptions, fit: SectionFit) -> SectionFit | None:
+    """The same family on the same points with every dimension free; None where no such section fits."""
     free = _section(points, axis, dataclasses.replace(options, family=fit.family), (fit.family,), {})
-    if isinstance(free, EstimationError):
-        return 1.0
-    names = [name for name in PARAMETERS[fit.family] if name in fixed]
-    rows = [free.layout.place[name] for name in names]
-    away = np.array([free.value(name) - fixed[name] for name in names])
-    covariance = free.covariance[np.ix_(rows, rows)]
-    spread = covariance + np.diag(np.maximum(1e-12 * np.diag(covariance), 1e-24))
-    return float(chi2.sf(float(away @ np.linalg.solve(spread, away)), len(names)))
+    return free if isinstance(free, SectionFit) else None
+
+
+def _tested(fixed: Mapping[str, float], free: SectionFit | None, family: str, ends: Ends) -> tuple[float | None, tuple[Given, ...]]:
+    """p-value of all fixed dimensions together, and each beside what the points say of it."""
+    if not fixed:
+        return None, ()
+    told = _told(free, ends)
+    if free is not None and {"a", "b"} <= set(fixed) and fixed["a"] < fixed["b"]:  # the free fit calls the longer leg a
+        told = dataclasses.replace(told, names=tuple({"a": "b", "b": "a"}.get(name, name) for name in told.names))
+    return joint_p_value(fixed, told), compared(fixed, told, family, held=True)
+
+
+def _told(free: SectionFit | None, ends: Ends) -> Told:
+    """What the points tell of the section and of the length."""
+    p = 0 if free is None else len(free.names)
+    covariance = np.zeros((p + 1, p + 1))
+    covariance[p, p] = ends.std_m**2
+    if free is None:
+        return Told(names=("length",), values=np.array([ends.length_m]), covariance=covariance, observable=(True,))
+    covariance[:p, :p] = free.covariance[:p, :p]
+    seen = tuple(free.observable.get(name, True) and not _blind_plate(free, name) for name in free.names)
+    return Told(names=(*free.names, "length"), values=np.array([*free.values, ends.length_m]), covariance=covariance, observable=(*seen, True))
+
+
+def _beside(found: MemberFit, nominal: Mapping[str, float]) -> tuple[Given, ...]:
+    """Nominal dimensions beside the fitted ones."""
+    member = found.member
+    own = {name: value for name, value in nominal.items() if name in member.values()}
+    told = Told(
+        names=tuple(p.name for p in member.parameters),
+        values=np.array([p.value_m for p in member.parameters]),
+        covariance=member.covariance,
+        observable=tuple(p.observable and p.source != "fixed" for p in member.parameters),
+    )
+    return compared(own, told, member.family, held=False)
+
+
+def _of_length(length: float, low: float, high: float, ends: Ends) -> tuple[float, float]:
+    """End planes at the distance that is known, where both ends together say: the surer one moves less."""
+    weight = ends.low.std_m**2 / max(ends.low.std_m**2 + ends.high.std_m**2, 1e-300)
+    at = (1 - weight) * low + weight * (high - length)
+    return at, at + length
 
 
 def _significant(sweep: Sweep, fit: SectionFit) -> tuple[Sweep, FloatArray, FloatArray]:

@@ -24,6 +24,7 @@ from scan2fea.fea import FeaOptions
 from scan2fea.filtering import FilteringOptions
 from scan2fea.io import InputOptions
 from scan2fea.options import option
+from scan2fea.pipeline.known import KnownObject, known_object, table_lines
 from scan2fea.pipeline.route import RouteOptions
 from scan2fea.reconstruction import ReconstructionOptions
 from scan2fea.registration import RegistrationOptions
@@ -33,6 +34,7 @@ from scan2fea.segmentation import METHODS, SegmentationOptions, SelectOptions
 from scan2fea.tetmeshing import FillOptions
 from scan2fea.units import UNIT_SYSTEMS
 
+OBJECTS = "object"  # the field of Config whose rows are tables of their own
 AUTO = "auto"  # how None ("from the data") is written in TOML, which has no null
 
 
@@ -69,6 +71,7 @@ class Config:
     fea: FeaOptions = field(default_factory=FeaOptions)
     export: ExportOptions = field(default_factory=ExportOptions)
     run: RunOptions = field(default_factory=RunOptions)
+    object: tuple[KnownObject, ...] = option((), "what is known of single objects: one [[object]] table each")
 
 
 # ------------------------------------------------------------------ reading
@@ -148,7 +151,15 @@ def _with(node: Any, path: list[str], value: Any, key: str) -> Any:
         raise UsageError(f"option {key!r} is not known" + (f"; did you mean {near[0]!r}?" if near else "; `scan2fea config` lists them all"))
     if rest:
         return dataclasses.replace(node, **{name: _with(current, rest, value, key)})
+    if key == OBJECTS:
+        return dataclasses.replace(node, object=_objects(value))
     return dataclasses.replace(node, **{name: _checked(value, typing.get_type_hints(type(node))[name], fields[name], key)})
+
+
+def _objects(value: Any) -> tuple[KnownObject, ...]:
+    says = f"{OBJECTS} = {value!r}: expected tables; write [[object]] for each object that something is known of"
+    require(isinstance(value, list | tuple), UsageError, says)
+    return tuple(row if isinstance(row, KnownObject) else known_object(row, number) for number, row in enumerate(value, start=1))
 
 
 def _checked(value: Any, kind: Any, f: dataclasses.Field[Any], key: str) -> Any:
@@ -210,11 +221,13 @@ def to_toml(config: Config | None = None, *, comments: bool = True) -> str:
     if comments:
         lines += ["# scan2fea configuration. Lengths are metres unless a key says otherwise; auto = decided from the data.", ""]
     _write_table(config or Config(), "", lines, comments)
+    lines += table_lines((config or Config()).object, comments)
     return "\n".join(lines).strip() + "\n"
 
 
 def _write_table(node: Any, prefix: str, lines: list[str], comments: bool) -> None:
-    leaves = [f for f in dataclasses.fields(node) if not dataclasses.is_dataclass(getattr(node, f.name))]
+    fields = [f for f in dataclasses.fields(node) if prefix or f.name != OBJECTS]
+    leaves = [f for f in fields if not dataclasses.is_dataclass(getattr(node, f.name))]
     if prefix and leaves:
         lines.append(f"[{prefix}]")
     for f in leaves:
@@ -223,7 +236,7 @@ def _write_table(node: Any, prefix: str, lines: list[str], comments: bool) -> No
         lines.append(f"{f.name} = {_toml_text(getattr(node, f.name))}")
     if leaves:
         lines.append("")
-    for f in dataclasses.fields(node):
+    for f in fields:
         if f not in leaves:
             _write_table(getattr(node, f.name), f"{prefix}.{f.name}" if prefix else f.name, lines, comments)
 

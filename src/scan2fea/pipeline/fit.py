@@ -11,10 +11,11 @@ import numpy as np
 
 from scan2fea.errors import EmptyScanError, EstimationError, require
 from scan2fea.io import RawScan, read_scan, write_text
+from scan2fea.pipeline.assigned import assigned, own_section, resolved
 from scan2fea.pipeline.config import Config
 from scan2fea.pipeline.member_rows import member_row
 from scan2fea.pipeline.results import finite_tree
-from scan2fea.pipeline.route import Estimate, estimate
+from scan2fea.pipeline.route import Estimate, estimate, table_of
 from scan2fea.pipeline.scene import require_extent, shift_of, shifted
 from scan2fea.types import FloatArray, Member, Value
 
@@ -35,7 +36,7 @@ class FittedFile(Value):
 
 
 def fit_file(path: Path, config: Config) -> FittedFile:
-    """Fit all points of a file as one member.
+    """Fit all points of a file as one member; it is object 1 of the [[object]] tables.
 
     Raises InputError for a file that cannot be used, UsageError for a bad designation or table, EstimationError where no section fits at all.
     """
@@ -44,7 +45,8 @@ def fit_file(path: Path, config: Config) -> FittedFile:
     require_extent(raw.scan.cloud.points)
     shift = shift_of(raw.scan.cloud.points)
     scan = shifted(raw.scan, shift)
-    found = estimate(scan, config.estimation, config.route)
+    named = assigned(resolved(config.object, table_of(config.route), config.run.seed), {1: scan.cloud.points}, shift)
+    found = estimate(scan, config.estimation, config.route, own_section(named, 1))
     if found.member is None:
         raise EstimationError(f"{path}: no member can be fitted: {found.reason}")
     return FittedFile(raw=raw, found=found, member=found.member, shift_m=shift)
@@ -63,7 +65,7 @@ def member_tree(fitted: FittedFile) -> dict[str, Any]:
         "explains": fitted.found.explains,
         "reason": fitted.found.reason,
     }
-    return dict(finite_tree({**head, **member_row(fitted.member, fitted.found.p_fixed)}))
+    return dict(finite_tree({**head, **member_row(fitted.member, fitted.found.p_fixed, fitted.found.given)}))
 
 
 def write_member(path: Path, fitted: FittedFile) -> None:

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from scan2fea.estimation.given import Given
 from scan2fea.types import Member
 
 
-def member_row(member: Member, p_fixed: float | None = None) -> dict[str, Any]:
+def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Given] = ()) -> dict[str, Any]:
     """The row; every number is SI."""
     parameters = {p.name: {"value_m": p.value_m, "std_m": p.std_m, "observable": p.observable, "source": p.source} for p in member.parameters}
     return {
@@ -25,6 +27,19 @@ def member_row(member: Member, p_fixed: float | None = None) -> dict[str, Any]:
         "residual": {"sigma_m": member.sigma_m, "noise": member.noise, "outlier_share": member.outlier_share},
         "seen": dict(member.seen),
         "p_fixed": p_fixed,
+        "given": [
+            {
+                "name": g.name,
+                "value_m": g.value_m,
+                "measured_m": g.measured_m,
+                "std_m": g.std_m,
+                "p_value": g.p_value,
+                "tolerance_m": g.tolerance_m,
+                "held": g.held,
+                "contradicted": g.is_contradicted,
+            }
+            for g in given
+        ],
         "damage": [
             {
                 "kind": d.kind,

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from scan2fea.cad import prism_brep
+from scan2fea.estimation.given import contradictions
 from scan2fea.estimation.layers import layers_of
 from scan2fea.estimation.solid import Solid, solid_of
 from scan2fea.kernel.noise import spacing
+from scan2fea.pipeline.assigned import own_section
 from scan2fea.pipeline.config import Config
 from scan2fea.pipeline.drift import moved
 from scan2fea.pipeline.part import Made, Part
@@ -15,6 +17,7 @@ from scan2fea.pipeline.record import Record, Tracked
 from scan2fea.pipeline.route import ESTIMATION, RECONSTRUCTION, Estimate, estimate, route_of
 from scan2fea.tetmeshing import layered
 from scan2fea.types import Brep, Member, Route, TetMesh
+from scan2fea.verification.given import given_checks
 from scan2fea.verification.member import member_checks
 
 GIVEN = "the input has faces: it enters at repair"
@@ -27,16 +30,18 @@ def choose_route(made: Made, source: Tracked[Part], config: Config, record: Reco
     if part.mesh is not None or mode == RECONSTRUCTION:
         made.route = Route(name="reconstruction", reason=GIVEN if part.mesh is not None else ASKED)
         return None
-    scan, known = Tracked(part.scan, source.key), {"route": config.route}
+    scan, known = Tracked(part.scan, source.key), {"route": config.route, "known": own_section(config.object, part.id)}
     found = record("estimate", estimate, scan, options=config.estimation, extra=known, n_in=len(part.scan.cloud), count=_n_told)
     made.estimate, made.route = found.value, route_of(found.value, mode)
     member = made.member
     if member is None:
         return None
-    checks = member_checks(member, found.value.explains)
+    checks = (*member_checks(member, found.value.explains), *given_checks(found.value.n_contradicted))
     failed = [check for check in checks if not check.passed]
     if failed and mode != ESTIMATION:
-        made.route = Route(name="reconstruction", reason=f"free form, because as a member of family {member.family}: {failed[0].says}")
+        denied = contradictions(found.value.given)
+        why = f"free form, because as a member of family {member.family}: {failed[0].says}" + (f"; {denied}" if denied else "")
+        made.route = Route(name="reconstruction", reason=why)
         return None
     made.checks += checks
     return Tracked(member, found.key)

@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +46,8 @@ def convert_all(parts: Sequence[Part], out: Path, config: Config, resume: bool, 
     todo = []
     for part in parts:
         folder = keep / f"{part.id:02d}"
-        key = key_of(fingerprint(part), as_tree(config))
+        own = replace(config, object=tuple(known for known in config.object if known.id == part.id))  # what is known of others is nothing to it
+        key = key_of(fingerprint(part), as_tree(own))
         if resume and _is_done(folder, key):
             say({"event": "note", "object": str(part.id), "text": f"object {part.id}: unchanged, kept"})
             continue
@@ -55,7 +57,7 @@ def convert_all(parts: Sequence[Part], out: Path, config: Config, resume: bool, 
         (folder / RESULT).unlink(missing_ok=True)
         save(part, folder / "part.npz")
         files = out / "objects" / f"{part.id:02d}"
-        task = {"key": fingerprint(part), "config": as_tree(config), "resume": resume, "label": str(part.id), "out": str(files), "done": key}
+        task = {"key": fingerprint(part), "config": as_tree(own), "resume": resume, "label": str(part.id), "out": str(files), "done": key}
         (folder / "task.json").write_text(json.dumps(task), encoding="utf-8")
         todo.append(folder)
     _drop_others(out, {f"{part.id:02d}" for part in parts})

@@ -149,7 +149,8 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
         "how": {key: value for key, value in made.how.items() if isinstance(value, str | int | float | bool)},
     }
     if made.member is not None:
-        row["member"] = member_row(made.member, made.estimate.p_fixed if made.estimate is not None else None)
+        told = made.estimate
+        row["member"] = member_row(made.member, told.p_fixed, told.given) if told is not None else member_row(made.member)
     if made.surface is not None and len(made.surface.faces):
         row["surface"] = surface_row(made.surface)
     if made.tets is not None:
@@ -241,6 +242,8 @@ def assumed_unit(inputs: Sequence[Mapping[str, Any]], scene: Scene) -> tuple[str
 
 def finite_tree(tree: Any) -> Any:
     """The tree in plain Python values, with None for every number that is not finite (JSON has no NaN)."""
+    if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
+        tree = dataclasses.asdict(tree)
     if isinstance(tree, Mapping):
         return {str(key): finite_tree(value) for key, value in tree.items()}
     if isinstance(tree, tuple | list | np.ndarray):

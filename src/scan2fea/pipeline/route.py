@@ -5,13 +5,14 @@ it is tried first, and whatever it does not explain is reconstructed. Why is tol
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from scan2fea.errors import EstimationError, InputError
 from scan2fea.estimation.catalogued import catalogued
 from scan2fea.estimation.damage import damages
 from scan2fea.estimation.designation import parse_designation
+from scan2fea.estimation.given import Given, contradictions
 from scan2fea.estimation.member import MemberFit, MemberOptions, fit_member
 from scan2fea.estimation.resting import rested
 from scan2fea.estimation.table import Table, read_table
@@ -35,21 +36,40 @@ class RouteOptions:
 class Estimate(Value):
     """What estimation says of one object. member is None where none could be fitted.
 
-    p_fixed : probability of data as far from the given dimensions as these if those were true; None where none was given.
+    p_fixed : probability of data as far from the given dimensions as these if those were true; None where none was given or none is told.
+    given : each given dimension beside what the points say of it.
     """
 
     member: Member | None
     explains: bool
     reason: str
     p_fixed: float | None = None
+    given: tuple[Given, ...] = ()
+
+    @property
+    def n_contradicted(self) -> int:
+        """Dimensions that the member was built with though the points deny them."""
+        return sum(g.held and g.is_contradicted for g in self.given)
 
 
-def estimate(scan: Scan, options: MemberOptions, route: RouteOptions) -> Estimate:
-    """The member of the points, with its catalogue and damage. A bad designation or table raises; an object that is no member does not."""
+@dataclass(frozen=True, kw_only=True)
+class KnownSection(Value):
+    """What is known of the member of one object: its family (or ""), dimensions (m) that are held, and dimensions that are only compared."""
+
+    family: str = ""
+    fixed: Mapping[str, float] = field(default_factory=dict)
+    nominal: Mapping[str, float] = field(default_factory=dict)
+
+
+def estimate(scan: Scan, options: MemberOptions, route: RouteOptions, known: KnownSection | None = None) -> Estimate:
+    """The member of the points, with its catalogue and damage. A bad designation or table raises; an object that is no member does not.
+
+    known : of this object alone, in place of `route.member`.
+    """
     table = table_of(route)
-    known = known_section(options, route, table)
+    section = known_section(route, table) if known is None else known
     try:
-        fit = fit_member(scan, *known)
+        fit = fit_member(scan, replace(options, family=section.family or options.family), section.fixed, section.nominal)
     except (EstimationError, InputError) as error:
         return Estimate(member=None, explains=False, reason=str(error))
     member, inferred = fit.member, scan.cloud.is_inferred
@@ -60,7 +80,7 @@ def estimate(scan: Scan, options: MemberOptions, route: RouteOptions) -> Estimat
     member = catalogued(member, table)
     if fit.explains:
         member = replace(member, damage=damages(scan.cloud.points, member, member.sigma_m, options.seed))
-    return Estimate(member=member, explains=fit.explains, reason=_reason(fit), p_fixed=fit.p_fixed)
+    return Estimate(member=member, explains=fit.explains, reason=_reason(fit), p_fixed=fit.p_fixed, given=fit.given)
 
 
 def table_of(route: RouteOptions) -> Table | None:
@@ -68,16 +88,20 @@ def table_of(route: RouteOptions) -> Table | None:
     return read_table(Path(route.catalogue)) if route.catalogue else None
 
 
-def known_section(options: MemberOptions, route: RouteOptions, table: Table | None) -> tuple[MemberOptions, Mapping[str, float]]:
-    """The options with the family of the designation, and the dimensions it fixes. Raises UsageError for a designation that names no section."""
+def known_section(route: RouteOptions, table: Table | None) -> KnownSection:
+    """What `route.member` says of every object. Raises UsageError for a designation that names no section."""
     if not route.member:
-        return options, {}
+        return KnownSection()
     given = parse_designation(route.member, table)
-    return replace(options, family=given.family), given.parameters
+    return KnownSection(family=given.family, fixed=given.parameters)
 
 
 def _reason(fit: MemberFit) -> str:
-    return fit.reason if fit.p_fixed is None else f"{fit.reason}; the dimensions given have a p-value of {fit.p_fixed:.3g}"
+    said = [fit.reason]
+    if fit.p_fixed is not None:
+        said.append(f"the dimensions given have a p-value of {fit.p_fixed:.3g}")
+    denied = contradictions(fit.given)
+    return "; ".join([*said, denied] if denied else said)
 
 
 def route_of(found: Estimate, mode: str) -> Route:

@@ -17,6 +17,7 @@ import numpy as np
 from scan2fea.errors import InputError, UsageError, require
 from scan2fea.io import InputOptions, RawScan, read_scan, write_cloud_ply, write_trajectory
 from scan2fea.io.files import existing_file, sha256_of, write_bytes
+from scan2fea.pipeline.assigned import assigned, resolved
 from scan2fea.pipeline.config import Config, to_toml
 from scan2fea.pipeline.frames import trajectory_of_all
 from scan2fea.pipeline.labels import edited, labels_text, read_rows
@@ -39,7 +40,9 @@ def run(
 
     Raises UsageError, and InputError where no input is usable; a failed object does not raise.
     """
-    known_section(config.estimation, config.route, table_of(config.route))  # what is wrong with it is wrong before anything is read
+    table = table_of(config.route)
+    known_section(config.route, table)  # what is wrong with it is wrong before anything is read
+    known = resolved(config.object, table, config.run.seed)
     _prepare(out, resume)
     _write_text(out / "config.toml", to_toml(config))
     with _Log(out / "log.jsonl", say) as log:
@@ -52,10 +55,11 @@ def run(
         segments = _edited(out, found, scene.value, resume)
         chosen = select(scene.value.scan.cloud, segments, config.select)
         parts = parts_of(scene.value, segments, chosen, config)
+        named = assigned(known, {part.id: part.scan.cloud.points for part in parts}, scene.value.shift_m)
         _write_scene(out, rows, scene.value, segments)
         for text in (*assumed_unit(rows, scene.value), *scene.value.notes, *chosen.notes):
             log({"event": "note", "object": None, "text": text})
-        objects, stages = convert_all(parts, out, config, resume, log)
+        objects, stages = convert_all(parts, out, replace(config, object=named), resume, log)
         write_assembly(out, out / KEEP / "objects", objects)
         write_members(out, out / KEEP / "objects", objects)
         report = run_report(config, command, rows, scene.value, segments, record.stages + stages, objects, chosen.notes)

@@ -37,6 +37,7 @@ def member_section(item: Row) -> Html:
         _dimensions(member),
         section_drawing(member),
         _facts(member),
+        _given(_rows(member.get("given"))),
         _catalogue(_rows(member.get("catalogue"))),
         _damage(_rows(member.get("damage"))),
     )
@@ -181,6 +182,26 @@ def _facts(member: Row) -> Html:
         rows += [("Family", ", ".join(f"{name} {percent(share)}" for name, share in best))] if best else []
     rows += [("Given dimensions", f"p-value {number(member['p_fixed'], 2)}")] if is_number(member.get("p_fixed")) else []
     return facts(rows) if rows else NOTHING
+
+
+def _given(entries: Sequence[Row]) -> Html:
+    """Dimensions that were given, beside what the points say of them."""
+    rows = []
+    for row in entries:
+        value, std, p = row.get("measured_m"), row.get("std_m"), row.get("p_value")
+        told = is_number(value) and is_number(std)
+        shown = "not told"
+        if told:
+            shown = f"{with_deviation(float(row['measured_m']) * MILLIMETRES_PER_METRE, float(row['std_m']) * MILLIMETRES_PER_METRE)} mm"
+        said = "denied by the points" if row.get("contradicted") else "not contradicted" if told else "untested"
+        given = f"{number(float(row['value_m']) * MILLIMETRES_PER_METRE, 5)} mm" if is_number(row.get("value_m")) else ""
+        use = "built with" if row.get("held") else "only compared"
+        cells = [figure_cell(given, "given"), figure_cell(shown, "measured"), figure_cell(number(p, 2), "p-value")]
+        rows.append([str(row.get("name")), *cells, f"{said}; {use}"])
+    if not rows:
+        return NOTHING
+    note = tag("p", "Denied: p below 0.001 and beyond what mill tolerance allows.")
+    return joined((tag("h4", "Given dimensions"), table(("dimension", "given", "measured", "p-value", ""), rows), note))
 
 
 def _catalogue(entries: Sequence[Row]) -> Html:

@@ -17,13 +17,14 @@ from scan2fea.options import option
 from scan2fea.tetmeshing.child import run_worker
 from scan2fea.tetmeshing.faults import faults_in_words
 from scan2fea.tetmeshing.naming import Names, names_of, prove_order
+from scan2fea.tetmeshing.optimise import OptimiseOptions, optimised
 from scan2fea.tetmeshing.sizing import element_size
 from scan2fea.tetmeshing.tets import boundary_of, proved, tagged, tet_mesh
 from scan2fea.types import Brep, FloatArray, IntArray, TetMesh, TriangleMesh, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
-GOOD_DEG = 10.0  # no optimisation above: clean gmsh meshes of thin parts reach 12 to 21
-ENOUGH_DEG = 8.0  # no second attempt above: half-way between what is good and what verification refuses
+GOOD_DEG = 10.0  # gmsh's own optimisers run below it, where ours are switched off: its clean meshes of thin parts reach 12 to 21
+ENOUGH_DEG = 12.0  # no second attempt above: what every object reaches whose surface allows it
 LIMIT_DEG = float(TET_LIMITS["min_dihedral_deg"].fail or 0.0)
 SHORT_S = 60.0  # less than this is not split between attempts
 MANY_FACES = 400  # B-Rep faces up to which meshing face by face makes sense; above it the faces are facets, smaller than elements
@@ -31,7 +32,7 @@ TOO_MANY_FACES = 6000  # where the triangles cannot be kept, face by face is tri
 
 
 @dataclass(frozen=True, kw_only=True)
-class FillOptions:
+class FillOptions(OptimiseOptions):
     """How a solid is filled with tets."""
 
     route: str = option("auto", "mesh the faces of the B-Rep anew, or keep the triangles of the surface", choices=("auto", "brep", "surface"))
@@ -44,12 +45,10 @@ class FillOptions:
     order: int = option(2, "1: TET4, 2: TET10 with straight edges", minimum=1, maximum=2)
     time_limit_s: float = option(180.0, "wall clock of the mesher for one object, all attempts together", unit="s", minimum=1.0)
     memory_limit_gib: float = option(4.0, "memory of the mesher, where the system can limit it", unit="GiB", minimum=0.5)
-    seed: int = option(0, "of the places where the wall thickness is sampled", minimum=0)
-
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Filled(Value):
-    """The mesh and how it came about: route, algorithm, edge_m, wall_m, min_dihedral_deg, attempts."""
+    """The mesh and how it came about: route, algorithm, edge_m, wall_m, min_dihedral_deg, attempts, steps (the log of the optimisers)."""
 
     tets: TetMesh
     how: Mapping[str, Any]
@@ -71,6 +70,7 @@ class _Found(Value):
     face_tag: IntArray
     done: str
     edge_m: float  # asked for; of the kept triangles (median) where the surface sets it
+    steps: tuple[Mapping[str, Any], ...] = ()
 
     @property
     def worst_deg(self) -> float:
@@ -95,7 +95,7 @@ def fill(mesh: TriangleMesh, brep: Brep | None, options: FillOptions = FillOptio
         best, chosen, tried = _best(attempts, lambda a, o: _run(a, mesh, brep, names, o, size.max_edge_m), options)
     except MeshingError as error:
         raise MeshingError(f"{error}{faults_in_words(mesh)}") from None
-    how = {**vars(chosen), "done": best.done, "min_dihedral_deg": best.worst_deg, "wall_m": size.wall_m, "attempts": tried}
+    how = {**vars(chosen), "done": best.done, "min_dihedral_deg": best.worst_deg, "wall_m": size.wall_m, "attempts": tried, "steps": best.steps}
     return Filled(tets=tet_mesh(best.nodes, best.tets, best.boundary, best.face_tag, names.names, options.order), how=how)
 
 
@@ -141,7 +141,7 @@ def _attempts(mesh: TriangleMesh, brep: Brep | None, edge: float, options: FillO
 
 def _run(attempt: _Attempt, mesh: TriangleMesh, brep: Brep | None, names: Names, options: FillOptions, max_edge_m: float) -> _Found:
     limits = {"time_limit_s": options.time_limit_s, "memory_limit_gib": options.memory_limit_gib}
-    common = {"algorithm": attempt.algorithm, "good_deg": GOOD_DEG}
+    common = {"algorithm": attempt.algorithm, "good_deg": GOOD_DEG if options.optimise == "none" else 0.0}
     if attempt.route == "brep" and brep is not None:
         fixed = options.edge_m is not None  # an edge that was asked for is kept, whatever it costs
         budget = {"max_tets": np.inf if fixed else options.max_elements, "max_nodes": np.inf if fixed else options.max_nodes}
@@ -151,7 +151,20 @@ def _run(attempt: _Attempt, mesh: TriangleMesh, brep: Brep | None, names: Names,
     else:
         found = _from_surface({**common, "kind": "surface", "growth": attempt.growth}, mesh, names, limits)
     proved(found.nodes, found.tets, found.boundary, enclosed_volume(mesh))
-    return found
+    if options.optimise == "none":
+        return found
+    better = _better(found, options)
+    proved(better.nodes, better.tets, better.boundary, enclosed_volume(mesh))
+    return better
+
+
+def _better(found: _Found, options: OptimiseOptions) -> _Found:
+    """The same boundary, with better tets inside."""
+    result = optimised(found.nodes, found.tets, options)
+    done = "+".join([found.done, *(str(row["step"]) for row in result.log[1:])])
+    boundary = boundary_of(result.tets)
+    tag = tagged(boundary, result.row[found.boundary], found.face_tag)
+    return replace(found, nodes=result.nodes, tets=result.tets, boundary=boundary, face_tag=tag, done=done, steps=result.log)
 
 
 def _from_brep(job: dict[str, Any], mesh: TriangleMesh, brep: Brep, names: Names, limits: dict[str, float]) -> _Found:

@@ -28,7 +28,7 @@ from scan2fea.pipeline.part import Made, Part
 from scan2fea.pipeline.record import Record, Tracked
 from scan2fea.pipeline.results import object_row
 from scan2fea.reconstruction import reconstruct
-from scan2fea.remeshing import eased, remesh, worst_dihedral
+from scan2fea.remeshing import AIM_DEG, eased, remesh, worst_dihedral
 from scan2fea.repair import repair
 from scan2fea.tetmeshing import Filled, fill
 from scan2fea.types import MEASURED, IntArray, TetMesh, TriangleMesh
@@ -37,7 +37,8 @@ from scan2fea.verification.mesh import brep_checks, surface_checks, tet_checks
 from scan2fea.verification.response import response_checks
 from scan2fea.verification.shape import deviation_checks, drift_checks
 
-EASINGS = 5  # times the surface is eased under tets that are too flat
+EASINGS = 5  # times the surface is eased under tets that verification would refuse
+GENTLE = 2  # times free form alone is eased under tets that it would take, but that are flatter than need be
 
 
 def convert(part: Part, key: str, config: Config, record: Record, folder: Path) -> dict[str, Any]:
@@ -99,6 +100,7 @@ def _solid_and_tets(made: Made, surface: Tracked[TriangleMesh], config: Config, 
     """The B-Rep and the tets inside it. Where these come out too flat the surface is eased there and both are made again; the best stays."""
     best: Tracked[Filled] | None = None
     limit = float(limits()["tets.min_dihedral"]["limit"])
+    gentle = 0
     for attempt in range(EASINGS + 1):
         try:
             brep = record("solid", to_brep, surface, options=config.cad, n_in=len(surface.value.faces), count=lambda b: len(b.face_names))
@@ -110,10 +112,16 @@ def _solid_and_tets(made: Made, surface: Tracked[TriangleMesh], config: Config, 
             break
         if best is None or worst_dihedral(filled.value.tets) > worst_dihedral(best.value.tets):
             best, made.brep = filled, brep.value
-        if worst_dihedral(best.value.tets) > limit or attempt == EASINGS:
+        worst = worst_dihedral(best.value.tets)
+        gentle += worst > limit
+        if worst >= AIM_DEG or gentle > GENTLE or attempt == EASINGS:
             break
         tets = Tracked(filled.value.tets, filled.key)
-        surface = record("ease", eased, surface, tets, extra={"attempt": attempt}, n_in=len(tets.value.tets), count=lambda m: len(m.faces))
+        how = {"attempt": 0 if gentle else attempt}  # planes give way only where the object would be refused otherwise
+        eased_to = record("ease", eased, surface, tets, extra=how, n_in=len(tets.value.tets), count=lambda m: len(m.faces))
+        if gentle and np.array_equal(eased_to.value.vertices, surface.value.vertices):
+            break
+        surface = eased_to
     if best is None:
         raise InternalError("no attempt at the tets ended")
     made.tets = best.value.tets

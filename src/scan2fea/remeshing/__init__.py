@@ -1,6 +1,6 @@
 """Remeshing: planes snapped flat, creases kept, triangles of finite element size (see docs/design.md)."""
 
-from scan2fea.remeshing.ease import eased, worst_dihedral
+from scan2fea.remeshing.ease import AIM_DEG, eased, worst_dihedral
 from scan2fea.remeshing.remesh import Remeshed, RemeshOptions, remesh
 
-__all__ = ["RemeshOptions", "Remeshed", "eased", "remesh", "worst_dihedral"]
+__all__ = ["AIM_DEG", "RemeshOptions", "Remeshed", "eased", "remesh", "worst_dihedral"]

@@ -6,11 +6,12 @@ import numpy as np
 
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.quality import tet_dihedrals
-from scan2fea.remeshing.folds import free_round
+from scan2fea.remeshing.folds import free_round, meshable
 from scan2fea.remeshing.relax import near_faces, relaxed
 from scan2fea.types import TetMesh, TriangleMesh
 
-FLAT_DEG = 6.0  # a little over what verification refuses
+AIM_DEG = 12.0  # what every object reaches whose surface allows it
+FLAT_DEG = AIM_DEG + 1.0
 
 
 def worst_dihedral(tets: TetMesh) -> float:
@@ -21,8 +22,8 @@ def worst_dihedral(tets: TetMesh) -> float:
 def eased(mesh: TriangleMesh, tets: TetMesh, *, attempt: int) -> TriangleMesh:
     """`mesh` with the vertices of its flat `tets` drawn a little to the middle of their neighbours, farther at every `attempt` (from 0).
 
-    Free form moves; from the second attempt on the planes next to a flat tet give way too. The mesh itself where nothing can move or
-    faces would cross.
+    Free form moves; from the second attempt on the planes next to a flat tet give way too. Needles and folds that this leaves are taken out.
+    The mesh itself where nothing can move or faces would cross.
     """
     flat = tet_dihedrals(tets.nodes, tets.tets).min(axis=1) < FLAT_DEG
     corners = np.unique(tets.nodes[np.unique(tets.tets[flat, :4])], axis=0)
@@ -33,4 +34,4 @@ def eased(mesh: TriangleMesh, tets: TetMesh, *, attempt: int) -> TriangleMesh:
         return mesh
     loose = mesh if not attempt else free_round(mesh, faces, attempt - 1)
     smooth = relaxed(loose, near_faces(loose, faces, rings=attempt), steps=1 + attempt)
-    return mesh if len(self_intersections(smooth)) else smooth
+    return mesh if len(self_intersections(smooth)) else meshable(smooth)

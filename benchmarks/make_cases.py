@@ -20,6 +20,7 @@ import numpy as np
 from scan2fea.io import write_mesh_ply
 from scan2fea.io.ply_writer import write_cloud_ply
 from scan2fea.kernel.distances import sample_surface
+from scan2fea.kernel.construction import Plain
 from scan2fea.kernel.measures import area, face_normals, volume
 from scan2fea.kernel.sections import PARAMETERS, ROUND, corner_factors, edge_names
 from scan2fea.kernel.transforms import quaternion_to_matrix, rigid, rotation_about
@@ -236,7 +237,7 @@ def _tee(radius: float, ratio: float, length: float, height: float, chord_m: flo
     bare = freeform.sphere(1.0, 0.1).exact  # closed forms of a tee are not needed here: the judge measures the mesh
     return Shape(
         kind="tee", family="free", parameters={"d": 2 * radius, "d2": 2 * branch}, mesh=mesh, exact=bare, chord_m=chord_m, section=(), n_cad_faces=5,
-        probes=probes,
+        probes=probes, base=Plain(mesh=mesh),
     )  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from scan2fea.kernel.construction import Plain
 from scan2fea.simulation.shapes import box
 from scan2fea.simulation.solids import Scene, Shape, Solid
 from scan2fea.types import TriangleMesh
@@ -18,7 +19,9 @@ def scene(*meshes, reflectance=0.5):
     shines = np.broadcast_to(reflectance, len(meshes))
     solids = []
     for k, (mesh, shine) in enumerate(zip(meshes, shines, strict=True)):
-        shape = Shape(kind="box", family="box", parameters={}, mesh=mesh, exact=None, chord_m=0.0, section=(), n_cad_faces=6, probes=())
+        shape = Shape(
+            kind="box", family="box", parameters={}, mesh=mesh, exact=None, chord_m=0.0, section=(), n_cad_faces=6, probes=(), base=Plain(mesh=mesh)
+        )  # fmt: skip
         solids.append(Solid(name=f"solid{k}", shape=shape, T_world_shape=np.eye(4), mesh=mesh, volume_m3=1.0, reflectance=float(shine)))
     return Scene(name="test", solids=tuple(solids))
 

@@ -9,6 +9,7 @@ import pytest
 
 from predicates import assert_closed_manifold_oriented, assert_no_crossing
 from scan2fea.errors import InputError
+from scan2fea.kernel.construction import bent
 from scan2fea.kernel.measures import volume
 from scan2fea.simulation import defects
 from scan2fea.simulation.carving import carved, sliced
@@ -90,6 +91,35 @@ def test_a_dent_in_a_flat_face_takes_its_formula_and_through_a_wall_nothing():
     wall = defects.dented(RHS, np.array([0.04, 0, 0.8]), "-x", 0.03, 0.004, 0.01, 2e-4)
     assert_sound(wall)
     assert abs(volume(wall) - volume(RHS)) < 1e-3 * math.pi * 0.03**2 * 0.004
+
+
+def test_a_dent_in_the_middle_of_one_large_triangle_is_made():
+    """No edge comes near it: the face itself must be divided."""
+    dented = defects.dented(BOX, np.array([0.3, 0.05, 0.2]), "-z", 0.02, 0.005, 0.02, 2e-5)
+    assert_sound(dented)
+    assert volume(BOX) - volume(dented) == pytest.approx(math.pi * 0.02**2 * 0.005 / 3, rel=0.02)
+
+
+def test_a_dent_that_would_fold_a_face_is_refused():
+    """A side of the box pushed along itself where its reach ends: what gives way would lie over what does not."""
+    with pytest.raises(InputError, match="folds a face"):
+        defects.dented(BOX, np.array([0.4, 0.3, 0.1]), "-x", 0.05, 0.02, 0.1, 1e-4)
+
+
+def test_what_is_told_of_a_defect_is_what_it_did():
+    """kernel.construction moves the places of the sliced mesh to the places of the damaged one, and its planes part the volume alike."""
+    values = {"depth": 0.02, "angle_deg": 8.0, "size": 0.05, "at": 0.1, "width": 0.01}
+    words = {"direction": "-y", "corner": "+-+", "side": "+x"}
+    for kind in ("sag", "twist"):
+        change = defects.DEFECTS[kind].tell(I, values, words, {})
+        made = defects.DEFECTS[kind].make(I, values, words, {}, 1e-3)
+        z = np.unique(made.vertices[:, 2])
+        straight = sliced(I, (0, 0, 1), z[1:-1].tolist())
+        assert sorted(map(tuple, np.round(bent(straight.vertices, change), 9))) == sorted(map(tuple, np.round(made.vertices, 9)))
+    for kind in ("missing_corner", "cut"):
+        change = defects.DEFECTS[kind].tell(BOX, values, words, {})
+        again = carved(BOX, list(zip(change.normals, change.offsets.tolist(), strict=True)))
+        assert volume(again) == volume(defects.DEFECTS[kind].make(BOX, values, words, {}, 1e-3))
 
 
 def test_slices_change_nothing_but_the_triangles():

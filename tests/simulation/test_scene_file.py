@@ -57,7 +57,7 @@ def test_a_good_scene():
     assert beam.spacing_m == 0.005
     assert beam.shape.parameters["b"] == pytest.approx(0.1)
     assert beam.volume_m3 == pytest.approx(2 * (2 * 0.1 * 0.009 + 0.182 * 0.006))
-    assert beam.defects == (("sag", {"depth": 0.005}),)
+    assert beam.defects == (("sag", {"depth": 0.005, "direction": "+x"}),)
     assert given.sensors[0].options.positions_m == ((0.0, 0.0, 1.0), (3.0, 1.0, 2.0))
     assert given.sensors[0].options.noise_m == pytest.approx(0.002)
     assert given.sampling.method == "blue_noise"

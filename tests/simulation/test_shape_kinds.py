@@ -111,7 +111,8 @@ def test_probes_run_through_the_solid(kind):
 
 
 def test_a_blob_has_the_moments_of_its_formula_by_quadrature():
-    from scan2fea.simulation.closed_forms import evaluated, star
+    from scan2fea.kernel.construction import evaluated
+    from scan2fea.simulation.closed_forms import star
 
     radius = {(0, 0, 0): 0.2, (1, 0, 0): 0.03, (0, 2, 1): -0.05, (1, 1, 1): 0.04, (0, 0, 3): 0.02}
     z, w = np.polynomial.legendre.leggauss(40)

@@ -36,7 +36,7 @@ def read_back(step: str) -> ReadBack:
     from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_SOLID
     from OCP.TopoDS import TopoDS
 
-    shape = _shape(step)
+    shape = shape_of(step)
     volume = GProp_GProps()
     BRepGProp.VolumeProperties_s(shape, volume, True)
     centres, areas = [], []
@@ -58,7 +58,8 @@ def read_back(step: str) -> ReadBack:
     )  # fmt: skip
 
 
-def _shape(step: str) -> Any:
+def shape_of(step: str) -> Any:
+    """What a STEP text holds, as `shape_of_step`."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "solid.step"
         path.write_text(step, encoding="ascii")

@@ -13,14 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from scan2fea.cad import to_brep
-from scan2fea.cad.prism import prism_brep
+from scan2fea.cad.exact import BENT, EXACT, ExactSolid, exact_solid
 from scan2fea.errors import CadError, InputError, UsageError, require
 from scan2fea.io import write_mesh_ply, write_text
 from scan2fea.io.files import write_bytes
 from scan2fea.io.scan_writers import SCAN_WRITERS
-from scan2fea.kernel.outline import outline as section_outline
-from scan2fea.kernel.sweep import Sweep
+from scan2fea.kernel.construction import Bend
+from scan2fea.kernel.measures import area
 from scan2fea.kernel.transforms import applied, inverse
 from scan2fea.pipeline.simulate_logs import write_logs
 from scan2fea.simulation.bounds import bounds_from_points
@@ -163,38 +162,38 @@ def _points(folder: Path, scans: Sequence[tuple[str, Scan]], formats: Sequence[s
     return names
 
 
-def _solids(folder: Path, scene: Scene, with_step: bool) -> tuple[dict[str, str], dict[str, str]]:
-    """Exact mesh and STEP of each solid. A solid too finely curved for a STEP of facets has none."""
-    meshes, steps = {}, {}
+def _solids(folder: Path, scene: Scene, with_step: bool) -> tuple[dict[str, str], dict[str, dict[str, Any]]]:
+    """Exact mesh and STEP of each solid: their files, and what the STEP holds."""
+    meshes: dict[str, str] = {}
+    steps: dict[str, dict[str, Any]] = {}
     for number, solid in enumerate(scene.solids):
         stem = f"{number:02d}_{solid.name}"
         meshes[solid.name] = f"truth/{stem}.ply"
         write_mesh_ply(folder / meshes[solid.name], solid.mesh)
-        if not with_step:
-            continue
-        try:
-            step = _step(solid)
-        except CadError:
-            continue
-        steps[solid.name] = f"truth/{stem}.step"
-        write_text(folder / steps[solid.name], step)
+        if with_step:
+            try:
+                made = step_of_solid(solid)
+            except CadError as error:
+                steps[solid.name] = {"file": None, "note": str(error)}
+                continue
+            file = f"truth/{stem}.step"
+            steps[solid.name] = {"file": file, "true_faces": made.is_true, "n_faces": made.n_faces, "volume_m3": made.volume_m3, "note": made.note}
+            write_text(folder / file, made.step)
     return meshes, steps
 
 
-def _step(solid: Solid) -> str:
-    """Members without defects with true faces (cylinders, fillets), everything else with the faces of its mesh. Raises CadError."""
+def step_of_solid(solid: Solid) -> ExactSolid:
+    """The solid with true faces, its volume held against the closed form; of one that lost matter, against its mesh within the chord tolerance."""
     shape = solid.shape
-    if not shape.section or solid.defects:
-        return to_brep(solid.mesh).step
-    straight = Sweep(
-        T_world_member=solid.T_world_shape, length_m=shape.parameters["length"], bow=np.zeros((2, 0)), twist=np.zeros(0),
-        end_normals=np.array([[0.0, 0, -1], [0, 0, 1]]),
-    )  # fmt: skip
-    return prism_brep(section_outline(shape.family, shape.parameters, shape.parameters.get("fillet", 0.0)), straight).step
+    volume_m3, limit = shape.exact.volume_m3, EXACT if not solid.changes else BENT
+    if any(not isinstance(change, Bend) for change in solid.changes):
+        volume_m3, limit = solid.volume_m3, EXACT + solid.chord_m * area(solid.mesh) / solid.volume_m3
+    return exact_solid(shape.base, solid.changes, solid.T_world_shape, solid.mesh, volume_m3, limit)
 
 
 def _truth(
-    given: SceneFile, scans: Sequence[Scan], files: Sequence[str], meshes: Mapping[str, str], steps: Mapping[str, str], name: str, seed: int
+    given: SceneFile, scans: Sequence[Scan], files: Sequence[str], meshes: Mapping[str, str], steps: Mapping[str, Mapping[str, Any]], name: str,
+    seed: int
 ) -> dict[str, Any]:
     n = len(given.scene.solids)
     counts = sum((np.bincount(s.cloud.label[s.cloud.label >= 0], minlength=n)[:n] for s in scans if s.cloud.label is not None), np.zeros(n, np.int64))

@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from scan2fea.kernel.construction import Polynomial, evaluated
 from scan2fea.types import FloatArray, Value
-
-Polynomial = Mapping[tuple[int, int, int], float]  # exponents of x, y, z -> factor
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -152,14 +150,6 @@ def star(radius: Polynomial, area_m2: float = math.nan) -> Moments:
     first = np.array([_over_sphere(_product(powers[4], {unit[k]: 1.0})) / 4 for k in range(3)])  # type: ignore[dict-item]
     second = np.array([[_over_sphere(_product(_product(powers[5], {unit[i]: 1.0}), {unit[j]: 1.0})) / 5 for j in range(3)] for i in range(3)])  # type: ignore[dict-item]
     return Moments(volume_m3=_over_sphere(powers[3]) / 3, area_m2=area_m2, first=first, second=second)
-
-
-def evaluated(polynomial: Polynomial, u: FloatArray) -> FloatArray:
-    """(n,) values of a polynomial at (n, 3)."""
-    total = np.zeros(len(u))
-    for (a, b, c), factor in polynomial.items():
-        total += factor * u[:, 0] ** a * u[:, 1] ** b * u[:, 2] ** c
-    return total
 
 
 def gradient(polynomial: Polynomial, u: FloatArray) -> FloatArray:

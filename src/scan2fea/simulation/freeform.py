@@ -10,7 +10,8 @@ import math
 import numpy as np
 
 from scan2fea.errors import InputError, require
-from scan2fea.simulation.closed_forms import Polynomial, ball, evaluated, gradient, star
+from scan2fea.kernel.construction import Polynomial, Star, Stroke, Turned, evaluated, star_points
+from scan2fea.simulation.closed_forms import ball, gradient, star
 from scan2fea.simulation.solids import Probe, Shape
 from scan2fea.types import FloatArray, IntArray, TriangleMesh
 
@@ -33,8 +34,13 @@ def sphere(radius: float, chord_m: float) -> Shape:
     mesh = _meshed({(0, 0, 0): radius}, chord_m)
     return Shape(
         kind="sphere", family="free", parameters={"radius": radius, "d": 2 * radius}, mesh=mesh, exact=ball(radius), chord_m=chord_m, section=(),
-        n_cad_faces=1, probes=probes,
+        n_cad_faces=1, probes=probes, base=_ball(radius),
     )  # fmt: skip
+
+
+def _ball(radius: float) -> Turned:
+    half = Stroke(start=np.array([0.0, -radius]), end=np.array([0.0, radius]), centre=np.zeros(2), semi_axes=np.full(2, radius))
+    return Turned(profile=(half,), names=("BALL",))
 
 
 def blob(radius: float, wave: float, seed: int, chord_m: float) -> Shape:
@@ -54,7 +60,7 @@ def blob(radius: float, wave: float, seed: int, chord_m: float) -> Shape:
     mesh = _meshed(radial, chord_m)
     return Shape(
         kind="blob", family="free", parameters={"radius": radius}, mesh=mesh, exact=exact.with_area(star_area(radial)), chord_m=chord_m, section=(),
-        n_cad_faces=1, probes=(),
+        n_cad_faces=6, probes=(), base=Star(radius=radial),
     )  # fmt: skip
 
 
@@ -71,11 +77,6 @@ def star_area(radius: Polynomial, n: int = 96) -> float:
     tangential = slope - np.einsum("ij,ij->i", slope, u)[:, None] * u
     density = r * np.sqrt(r**2 + (tangential**2).sum(axis=1))
     return float((np.repeat(weight, 2 * n) * density).sum() * 2 * np.pi / (2 * n))
-
-
-def star_points(radius: Polynomial, u: FloatArray) -> FloatArray:
-    """(n, 3) points of the surface in the directions of (n, 3) unit vectors."""
-    return np.asarray(evaluated(radius, u)[:, None] * u)
 
 
 def _meshed(radius: Polynomial, chord_m: float) -> TriangleMesh:

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from scan2fea.errors import InputError, UsageError, require
+from scan2fea.kernel.construction import Swept
 from scan2fea.kernel.sections import PARAMETERS, ROUND, check_section, chords_of, section
 from scan2fea.simulation.closed_forms import Moments, block, rod, spandrel, together, without
 from scan2fea.simulation.polyhedra import meshed, prism
@@ -46,6 +47,7 @@ def member(family: str, parameters: Mapping[str, float], chord_m: float) -> Shap
     return Shape(
         kind=family, family=family, parameters=named, mesh=meshed(prism(loops[0], length, loops[1:])), exact=exact, chord_m=curved, section=loops,
         n_cad_faces=n_faces, probes=_probes(family, values, length),
+        base=Swept(family=family, values=values, fillet_m=fillet, length_m=length),
     )  # fmt: skip
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from scan2fea.errors import InputError, require
+from scan2fea.kernel.construction import Hole, Plain, Stroke, Turned
 from scan2fea.kernel.transforms import rigid, rotation_about
 from scan2fea.simulation import shapes
 from scan2fea.simulation.closed_forms import Moments, block, dish, half_spheroid_area, rod, together, without
@@ -37,9 +39,10 @@ def box(x: float, y: float, z: float) -> Shape:
     _positive("box", x=x, y=y, z=z)
     middle = (x / 2, y / 2, z / 2)
     probes = tuple(_probe(f"s{name}", middle, axis, size) for name, axis, size in (("x", X, x), ("y", Y, y), ("z", Z, z)))
+    mesh = shapes.box(x, y, z)
     return Shape(
-        kind="box", family="box", parameters={"sx": x, "sy": y, "sz": z}, mesh=shapes.box(x, y, z), exact=block((0, 0, 0), (x, y, z)), chord_m=0.0,
-        section=(), n_cad_faces=6, probes=probes,
+        kind="box", family="box", parameters={"sx": x, "sy": y, "sz": z}, mesh=mesh, exact=block((0, 0, 0), (x, y, z)), chord_m=0.0,
+        section=(), n_cad_faces=6, probes=probes, base=Plain(mesh=mesh),
     )  # fmt: skip
 
 
@@ -51,6 +54,7 @@ def cylinder(radius: float, length: float, chord_m: float) -> Shape:
     return Shape(
         kind="cylinder", family="free", parameters={"d": 2 * radius, "length": length}, mesh=shapes.cylinder(radius, length, chord_m),
         exact=rod(radius, length), chord_m=chord_m, section=(), n_cad_faces=3, probes=tuple(probes),
+        base=_turned([(0, 0), (radius, 0), (radius, length), (0, length)], ("BOTTOM", "SIDE", "TOP")),
     )  # fmt: skip
 
 
@@ -63,7 +67,10 @@ def table(x: float, y: float, height: float, top: float, leg: float, inset: floa
     exact = together(block((0, 0, below), (x, y, height)), *legs).with_area(2 * x * y + 2 * (x + y) * top + 16 * leg * below)
     probes = (_probe("top", (x / 2, y / 2, height - top / 2), Z, top), _probe("leg", (inset + leg / 2, inset + leg / 2, below / 2), X, leg))
     named = {"x": x, "y": y, "height": height, "top": top, "leg": leg, "inset": inset}
-    return Shape(kind="table", family="free", parameters=named, mesh=mesh, exact=exact, chord_m=0.0, section=(), n_cad_faces=26, probes=probes)
+    return Shape(
+        kind="table", family="free", parameters=named, mesh=mesh, exact=exact, chord_m=0.0, section=(), n_cad_faces=26, probes=probes,
+        base=Plain(mesh=mesh),
+    )  # fmt: skip
 
 
 def bracket(a: float, b: float, t: float, width: float, holes: Sequence[tuple[str, float, float, float]], chord_m: float) -> Shape:
@@ -81,7 +88,25 @@ def bracket(a: float, b: float, t: float, width: float, holes: Sequence[tuple[st
     return Shape(
         kind="bracket", family="free", parameters=parameters, mesh=mesh, exact=exact, chord_m=chord_m if len(holes) else 0.0, section=(),
         n_cad_faces=8 + len(holes), probes=tuple(probes),
+        base=Plain(mesh=shapes.bracket(a, b, t, width, ()), holes=tuple(_hole(*hole, t) for hole in holes)),
     )  # fmt: skip
+
+
+def _hole(leg: str, along: float, z: float, radius: float, t: float) -> Hole:
+    if leg == "a":
+        return Hole(start=np.array([0.0, along, z]), through=t * X, radius_m=radius)
+    return Hole(start=np.array([along, 0.0, z]), through=t * Y, radius_m=radius)
+
+
+def _turned(corners: Sequence[Sequence[float]], names: tuple[str, ...], domes: Mapping[int, tuple[float, float, float]] | None = None) -> Turned:
+    """Strokes between corners (radius, z); domes : number of a stroke -> height of the centre on the axis, and the semi-axes, of its ellipse."""
+    at = np.asarray(corners, float)
+    strokes = []
+    for k, (start, end) in enumerate(itertools.pairwise(at)):
+        dome = (domes or {}).get(k)
+        centre, semi = (None, None) if dome is None else (np.array([0.0, dome[0]]), np.array(dome[1:]))
+        strokes.append(Stroke(start=start, end=end, centre=centre, semi_axes=semi))
+    return Turned(profile=tuple(strokes), names=names)
 
 
 def _bore(leg: str, along: float, z: float, radius: float, t: float) -> Moments:
@@ -116,6 +141,10 @@ def tank(radius: float, height: float, wall: float, chord_m: float) -> Shape:
     return Shape(
         kind="tank", family="free", parameters=parameters, mesh=mesh, exact=without(outer, inner).with_area(area), chord_m=chord_m, section=(),
         n_cad_faces=5, probes=tuple(probes),
+        base=_turned(
+            [(0, 0), (radius, d), (radius, height), (r, height), (r, d), (0, wall)], ("BOTTOM", "SHELL", "RIM", "INNER_SHELL", "INNER_BOTTOM"),
+            {0: (d, radius, d), 4: (d, r, d - wall)},
+        ),
     )  # fmt: skip
 
 
@@ -136,6 +165,10 @@ def vessel(radius: float, length: float, chord_m: float) -> Shape:
     return Shape(
         kind="vessel", family="free", parameters={"d": 2 * radius, "length": length}, mesh=mesh, exact=exact, chord_m=chord_m, section=(),
         n_cad_faces=3, probes=(*probes, _probe("length", (0, 0, length / 2), Z, length)),
+        base=_turned(
+            [(0, 0), (radius, d), (radius, length - d), (0, length)], ("LOWER_HEAD", "SHELL", "UPPER_HEAD"),
+            {0: (d, radius, d), 2: (length - d, radius, d)},
+        ),
     )  # fmt: skip
 
 
@@ -157,5 +190,5 @@ def girder(h: float, b: float, tw: float, tf: float, length: float, ts: float, b
     parameters = {"h": h, "b": b, "tw": tw, "tf": tf, "ts": ts, "bs": bs, "length": length}
     return Shape(
         kind="girder", family="free", parameters=parameters, mesh=mesh, exact=exact, chord_m=0.0, section=(), n_cad_faces=14 + 8 * n_stiffeners,
-        probes=tuple(probes),
+        probes=tuple(probes), base=Plain(mesh=mesh),
     )  # fmt: skip

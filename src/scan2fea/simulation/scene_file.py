@@ -13,7 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from scan2fea.errors import InputError, require
+from scan2fea.kernel.construction import Change
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.transforms import rigid
 from scan2fea.simulation.defects import DEFECTS
@@ -24,6 +27,7 @@ from scan2fea.simulation.sensors import SENSORS
 from scan2fea.simulation.shape_kinds import KINDS
 from scan2fea.simulation.shapes import posed
 from scan2fea.simulation.solids import Scene, Solid
+from scan2fea.types import TriangleMesh
 
 SMALLEST_M, LARGEST_M = 1e-6, 1e5  # of a dimension
 CHORD_OF_SIZE, CHORD_OF_WALL = 5e-4, 0.02  # chord tolerance where the file states none: of the largest dimension, but no more of the smallest
@@ -115,10 +119,11 @@ def _solid(table: Mapping[str, Any], number: int) -> Solid:
     try:
         shape = kind.build(values, chord)
         mesh = shape.mesh
-        defects = []
+        defects, changes = [], []
         for entry in tables(table, "defects", where):
-            mesh, made = _damaged(mesh, entry, chord, where)
+            mesh, made, change = _damaged(mesh, entry, chord, where)
             defects.append(made)
+            changes.append(change)
     except InputError as error:
         raise InputError(str(error) if str(error).startswith(where) else f"{where}: {error}") from error
     T = rigid(rotation_rpy(*three(table, "rotation_deg", where, lengths=False)), three(table, "position", where, lengths=True))
@@ -130,7 +135,8 @@ def _solid(table: Mapping[str, Any], number: int) -> Solid:
     world = posed(mesh, T)
     return Solid(
         name=name, shape=shape, T_world_shape=T, mesh=world, volume_m3=volume(world), spacing_m=spacing, reflectance=float(reflectance),
-        defects=tuple(defects),
+        defects=tuple(defects), changes=tuple(changes),
+        damage_chord_m=chord if any(DEFECTS[name].is_curved for name, _ in defects) else 0.0,
     )  # fmt: skip
 
 
@@ -164,7 +170,10 @@ def _hole(table: Mapping[str, Any], where: str) -> tuple[str, float, float, floa
     return str(table["leg"]), length_of(table["along"], f"{where}: holes: along"), length_of(table["z"], f"{where}: holes: z"), d / 2
 
 
-def _damaged(mesh: Any, table: Mapping[str, Any], chord: float, where: str) -> tuple[Any, tuple[str, Mapping[str, float]]]:
+def _damaged(
+    mesh: TriangleMesh, table: Mapping[str, Any], chord: float, where: str
+) -> tuple[TriangleMesh, tuple[str, Mapping[str, Any]], Change]:
+    """The damaged mesh, the defect for truth.json, and the change that it is."""
     kind = table.get("kind")
     says = f"{where}: defects: kind {kind!r} is unknown{nearest(str(kind), DEFECTS)}; it is one of {', '.join(DEFECTS)}"
     require(kind in DEFECTS, InputError, says)
@@ -172,7 +181,7 @@ def _damaged(mesh: Any, table: Mapping[str, Any], chord: float, where: str) -> t
     known(table, ("kind", *defect.lengths, *defect.numbers, *defect.words, *defect.points), here)
     for key in (*defect.lengths, *defect.numbers, *defect.words, *defect.points):
         require(key in table, InputError, f"{here}: {key} is missing")
-    numbers = {key: length_of(table[key], f"{here}: {key}") for key in defect.lengths}
+    numbers: dict[str, float] = {key: length_of(table[key], f"{here}: {key}") for key in defect.lengths}
     for key in defect.lengths:
         require(numbers[key] > 0 or key == "at", InputError, f"{here}: {key} is {numbers[key]:g} m; it must be positive")
     for key in defect.numbers:
@@ -183,7 +192,9 @@ def _damaged(mesh: Any, table: Mapping[str, Any], chord: float, where: str) -> t
         require(table[key] in choices, InputError, f"{here}: {key} is {table[key]!r}: use {', '.join(choices)}")
     points = {key: three(table, key, here, lengths=True) for key in defect.points}
     try:
-        damaged = defect.make(mesh, numbers, {k: str(table[k]) for k in defect.words}, points, chord)
+        words = {k: str(table[k]) for k in defect.words}
+        damaged = defect.make(mesh, numbers, words, points, chord)
     except InputError as error:
         raise InputError(f"{here}: {error}") from error
-    return damaged, (str(kind), numbers)
+    told = {**numbers, **words, **{k: np.asarray(p, float).tolist() for k, p in points.items()}}
+    return damaged, (str(kind), told), defect.tell(mesh, numbers, words, points)

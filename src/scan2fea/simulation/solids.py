@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from scan2fea.kernel.construction import Base, Change
 from scan2fea.kernel.transforms import applied, rotated
 from scan2fea.simulation.closed_forms import Moments
 from scan2fea.types import FloatArray, TriangleMesh, Value
@@ -33,6 +35,7 @@ class Shape(Value):
     parameters : dimensions by name, metres.   exact : closed forms of the solid as it is without defects.
     chord_m : how far the mesh may stray from the true surface; 0 where it is exact.
     section : loops (k, 2) of a member's outline, else empty.   n_cad_faces : faces a draughtsman would draw.
+    base : how CAD makes it with true faces.
     """
 
     kind: str
@@ -44,6 +47,7 @@ class Shape(Value):
     section: tuple[FloatArray, ...]
     n_cad_faces: int
     probes: tuple[Probe, ...]
+    base: Base
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -51,6 +55,7 @@ class Solid(Value):
     """A shape where it stands in the world.
 
     T_world_shape : (4, 4).   mesh : in the world, with its defects.   defects : name -> its numbers, in the order they were made.
+    changes : the same in the words of kernel.construction.   damage_chord_m : how far the mesh may stray where defects bent it.
     reflectance : share of the light that a surface square to it sends back.   spacing_m : what scans of this object aim at.
     """
 
@@ -61,7 +66,14 @@ class Solid(Value):
     volume_m3: float
     spacing_m: float = 0.01
     reflectance: float = 0.5
-    defects: tuple[tuple[str, Mapping[str, float]], ...] = ()
+    defects: tuple[tuple[str, Mapping[str, Any]], ...] = ()
+    changes: tuple[Change, ...] = ()
+    damage_chord_m: float = 0.0
+
+    @property
+    def chord_m(self) -> float:
+        """How far the mesh may stray from the true surface; 0 where it is exact."""
+        return max(self.shape.chord_m, self.damage_chord_m)
 
     def probes(self) -> tuple[Probe, ...]:
         """The shape's probes in the world; none of a solid with defects, whose lines may no longer hold what they say."""

@@ -31,11 +31,11 @@ def truth_of(
     noise_sd_m: float,
     bounds: Mapping[str, Mapping[str, float]],
     meshes: Mapping[str, str],
-    steps: Mapping[str, str],
+    steps: Mapping[str, Mapping[str, Any]],
 ) -> dict[str, Any]:
     """The tree that truth.json holds. n_points : per solid.   seen : (n,) share of each surface.
 
-    bounds : Cramer-Rao, by name of solid.   meshes, steps : file of each solid by name.
+    bounds : Cramer-Rao, by name of solid.   meshes : file of each solid by name.   steps : its STEP: file, and what it holds.
     """
     even = not sensors  # sampled evenly over every surface
     objects = []
@@ -68,7 +68,7 @@ def truth_of(
     }
 
 
-def _object(solid: Solid, n_points: int, seen: float, mesh: str, step: str | None) -> dict[str, Any]:
+def _object(solid: Solid, n_points: int, seen: float, mesh: str, step: Mapping[str, Any] | None) -> dict[str, Any]:
     T = solid.T_world_shape
     shape = solid.shape
     return {
@@ -81,12 +81,13 @@ def _object(solid: Solid, n_points: int, seen: float, mesh: str, step: str | Non
         "area_m2": area(solid.mesh),
         "centroid_m": centroid(solid.mesh).tolist(),
         "inertia_m5": inertia(solid.mesh).tolist(),
-        "chord_m": shape.chord_m,
+        "chord_m": solid.chord_m,
         "exact": None if solid.defects else _exact(solid),
         "bow_m": sum(numbers["depth"] for kind, numbers in solid.defects if kind == "sag"),
         "defects": [{"kind": kind, **numbers} for kind, numbers in solid.defects],
         "mesh": mesh,
-        "step": step,
+        "step": step and step["file"],
+        "step_holds": step and {key: value for key, value in step.items() if key != "file"},
         "n_points": n_points,
         "seen_fraction": seen,
         "unobservable": [],

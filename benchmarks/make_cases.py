@@ -19,8 +19,8 @@ import numpy as np
 
 from scan2fea.io import write_mesh_ply
 from scan2fea.io.ply_writer import write_cloud_ply
-from scan2fea.kernel.distances import sample_surface
 from scan2fea.kernel.construction import Plain
+from scan2fea.kernel.distances import sample_surface
 from scan2fea.kernel.measures import area, face_normals, volume
 from scan2fea.kernel.sections import PARAMETERS, ROUND, corner_factors, edge_names
 from scan2fea.kernel.transforms import quaternion_to_matrix, rigid, rotation_about

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from scan2fea.kernel.quality import TET_EDGES, TET_LIMITS, TRIANGLE_LIMITS, scaled_jacobian, summary, tet_dihedrals, tet_quality, triangle_quality
+from scan2fea.kernel.quality import (
+    TET_EDGES,
+    TET_LIMITS,
+    TRIANGLE_LIMITS,
+    scaled_jacobian,
+    summary,
+    tet_dihedrals,
+    tet_quality,
+    triangle_quality,
+    worst_element,
+)
 
 EQUILATERAL = np.array([[0, 0, 0], [1, 0, 0], [0.5, 3**0.5 / 2, 0]])
 REGULAR = np.array([[1, -1, -1], [1, 1, 1], [-1, 1, -1], [-1, -1, 1]], float)
@@ -77,6 +87,23 @@ def test_inverted_and_flat_elements():
     assert point["Q1"][0] == point["min_angle_deg"][0] == 0
 
 
+def test_ratios_and_face_angles_of_known_elements():
+    for q, limits in ((triangle_quality(EQUILATERAL, FACE), TRIANGLE_LIMITS), (tet_quality(REGULAR, TET), TET_LIMITS)):
+        for name in ("edge_ratio", "radius_ratio"):
+            assert q[name][0] == pytest.approx(limits[name].best, rel=1e-12) == pytest.approx(1)
+    q = tet_quality(REGULAR, TET)
+    assert q["collapse"][0] == pytest.approx(TET_LIMITS["collapse"].best, rel=1e-12)
+    assert q["min_face_angle_deg"][0] == pytest.approx(60) and q["max_face_angle_deg"][0] == pytest.approx(60)
+    q = tet_quality(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float), TET)
+    assert q["edge_ratio"][0] == pytest.approx(2**0.5)
+    assert q["max_face_angle_deg"][0] == pytest.approx(90) and q["min_face_angle_deg"][0] == pytest.approx(45)
+    assert q["collapse"][0] == pytest.approx(3**-0.5 / (3**0.5 / 2) ** 0.5)  # height over the long face
+    assert triangle_quality(np.zeros((3, 3)), FACE)["edge_ratio"][0] == np.inf
+
+
 def test_summary():
-    assert summary(np.arange(101.0)) == {"min": 0.0, "p01": 1.0, "median": 50.0}
+    assert summary(np.arange(101.0)) == {"min": 0.0, "p01": 1.0, "median": 50.0, "p99": 99.0, "max": 100.0}
+    assert summary(np.array([1.0, 2.0, np.inf]))["max"] == np.inf
+    assert worst_element("Q3", np.array([0.3, 0.1, 0.2])) == 1 and worst_element("aspect", np.array([1.0, 2.0, 9.0])) == 2
+    assert worst_element("Q3", np.zeros(0)) == -1
     assert np.isnan(summary(np.zeros(0))["min"])

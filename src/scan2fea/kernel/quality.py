@@ -42,6 +42,8 @@ TRIANGLE_LIMITS: Mapping[str, Limit] = {
     "Q4": Limit(best=1, worst=0, warn=None, fail=None, source=_TABLE),
     "Q5": Limit(best=3**0.5 / 4, worst=0, warn=None, fail=None, source=_TABLE),
     "min_angle_deg": Limit(best=60, worst=0, warn=20, fail=5, source="the mesher keeps boundary triangles: a tet there is no better"),
+    "edge_ratio": Limit(best=1, worst=float("inf"), warn=None, fail=None, source="lmax / lmin, 1 / Q4"),
+    "radius_ratio": Limit(best=1, worst=0, warn=None, fail=None, source="2 r / R, Q3 over its best"),
 }
 _REGULAR_DEG = float(np.degrees(np.arccos(1 / 3)))
 _OPTISTRUCT = "OptiStruct CTETRA warns outside 15..165"
@@ -56,15 +58,30 @@ TET_LIMITS: Mapping[str, Limit] = {
     "max_dihedral_deg": Limit(best=_REGULAR_DEG, worst=180, warn=165, fail=175, source=_OPTISTRUCT),
     "scaled_jacobian": Limit(best=1, worst=-1, warn=0.1, fail=0, source="CalculiX stops on a Jacobian that is not positive"),
     "aspect": Limit(best=1, worst=float("inf"), warn=100, fail=1000, source="OptiStruct CTETRA"),
+    "edge_ratio": Limit(best=1, worst=float("inf"), warn=None, fail=None, source="lmax / lmin, 1 / Q4"),
+    "radius_ratio": Limit(best=1, worst=0, warn=None, fail=None, source="3 r / R, Q3 over its best"),
+    "min_face_angle_deg": Limit(best=60, worst=0, warn=5, fail=None, source="Autodesk Nastran TETFACEMINIATOL"),
+    "max_face_angle_deg": Limit(best=60, worst=180, warn=170, fail=None, source="Autodesk Nastran TETFACEMAXIATOL"),
+    "collapse": Limit(best=(8 / 3) ** 0.5 / 3**0.25, worst=0, warn=0.001, fail=0, source="OptiStruct CTETRA: least height over root of the face"),
 }
+FALLING = frozenset({"aspect", "edge_ratio", "max_dihedral_deg", "max_face_angle_deg"})  # measures that grow as elements get worse
 
 
 def summary(values: FloatArray) -> dict[str, float]:
-    """{min, p01, median}; nan for no values."""
+    """{min, p01, median, p99, max}; nan for no values."""
+    names = ("min", "p01", "median", "p99", "max")
     if not len(values):
-        return {"min": float("nan"), "p01": float("nan"), "median": float("nan")}
-    low, first, middle = np.percentile(values, [0, 1, 50])
-    return {"min": float(low), "p01": float(first), "median": float(middle)}
+        return dict.fromkeys(names, float("nan"))
+    low, high = float(values.min()), float(values.max())
+    inner = np.percentile(values, [1, 50, 99], method="linear" if np.isfinite(high) else "nearest")
+    return dict(zip(names, (low, *(float(x) for x in inner), high), strict=True))
+
+
+def worst_element(name: str, values: FloatArray) -> int:
+    """The row of the worst element by measure `name`; -1 for no values."""
+    if not len(values):
+        return -1
+    return int(values.argmax() if name in FALLING else values.argmin())
 
 
 def _over(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -73,7 +90,10 @@ def _over(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def triangle_quality(vertices: FloatArray, faces: IntArray) -> dict[str, FloatArray]:
-    """(m,) arrays by name: Q1, Q2 (as printed), Q2_corrected, Q3, Q4, Q5, min_angle_deg. A face without area has 0 in all but Q4."""
+    """(m,) arrays by name: Q1, Q2 (as printed), Q2_corrected, Q3, Q4, Q5, min_angle_deg, edge_ratio (lmax / lmin), radius_ratio (2 r / R).
+
+    A face without area has 0 in all but Q4 and edge_ratio.
+    """
     tri = vertices[faces]
     lengths = np.linalg.norm(tri - np.roll(tri, -1, axis=1), axis=2)
     low, high = lengths.min(1), lengths.max(1)
@@ -88,6 +108,8 @@ def triangle_quality(vertices: FloatArray, faces: IntArray) -> dict[str, FloatAr
         "Q4": _over(low, high),
         "Q5": _over(area, high**2),
         "min_angle_deg": np.degrees(triangle_angles(vertices, faces).min(1)) if len(faces) else np.zeros(0),
+        "edge_ratio": np.divide(high, low, out=np.full(len(faces), np.inf), where=low > 0),
+        "radius_ratio": 2 * inradius * over_circumradius,
     }
 
 
@@ -150,7 +172,10 @@ def scaled_jacobian(nodes: FloatArray, tets: IntArray) -> FloatArray:
 
 
 def tet_quality(nodes: FloatArray, tets: IntArray) -> dict[str, FloatArray]:
-    """(m,) arrays by name: Q1..Q5, Q2_corrected, min_dihedral_deg, max_dihedral_deg, scaled_jacobian, aspect (lmax over the least height, 1 is best).
+    """(m,) arrays by name: Q1..Q5, Q2_corrected, min_dihedral_deg, max_dihedral_deg, scaled_jacobian, aspect, edge_ratio, radius_ratio,
+    min_face_angle_deg, max_face_angle_deg, collapse.
+
+    aspect: lmax over the least height, 1 is best; edge_ratio: lmax / lmin; radius_ratio: 3 r / R; collapse: least height over the root of its face.
 
     TET10 counts with its corners, but for scaled_jacobian. Flat and inverted tets have Q = 0.
     """
@@ -165,6 +190,7 @@ def tet_quality(nodes: FloatArray, tets: IntArray) -> dict[str, FloatArray]:
     height = _over(3 * vol, areas.max(1))
     dihedral = tet_dihedrals(nodes, tets)
     aspect = np.divide(high, height, out=np.full(len(p), np.inf), where=height > 0) * (2 / 3) ** 0.5
+    corner = np.degrees(triangle_angles(nodes, tets[:, :4][:, TET_FACES].reshape(-1, 3))).reshape(len(p), -1)
     return {
         "Q1": low * over_circumradius,
         "Q2": _over(inradius, low),
@@ -176,6 +202,11 @@ def tet_quality(nodes: FloatArray, tets: IntArray) -> dict[str, FloatArray]:
         "max_dihedral_deg": dihedral.max(1),
         "scaled_jacobian": scaled_jacobian(nodes, tets),
         "aspect": aspect,
+        "edge_ratio": np.divide(high, low, out=np.full(len(p), np.inf), where=low > 0),
+        "radius_ratio": 3 * inradius * over_circumradius,
+        "min_face_angle_deg": corner.min(1, initial=180.0),
+        "max_face_angle_deg": corner.max(1, initial=0.0),
+        "collapse": _over(3 * vol[:, None], areas**1.5).min(1, initial=np.inf),
     }
 
 

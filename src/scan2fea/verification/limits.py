@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from typing import Any
 
@@ -14,8 +14,17 @@ from scan2fea.types import Check
 @functools.cache
 def limits() -> Mapping[str, Mapping[str, Any]]:
     """`limits.toml` as {"surface.boundary_edges": {"limit": ..., "unit": ..., "says": ...}, ...}."""
-    text = resources.files("scan2fea.verification").joinpath("limits.toml").read_text(encoding="utf-8")
-    return {f"{room}.{name}": row for room, rows in tomllib.loads(text).items() for name, row in rows.items()}
+    return {f"{room}.{name}": row for room, rows in _table().items() if room != "solver" for name, row in rows.items()}
+
+
+@functools.cache
+def _table() -> Mapping[str, Mapping[str, Any]]:
+    return tomllib.loads(resources.files("scan2fea.verification").joinpath("limits.toml").read_text(encoding="utf-8"))
+
+
+def solver_limits() -> Mapping[str, Sequence[Mapping[str, Any]]]:
+    """solver -> rows of measure, above, warn, fail, order, source, confirmed."""
+    return _table()["solver"]
 
 
 def _short(x: float | bool | str | None) -> str:

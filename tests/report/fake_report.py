@@ -16,6 +16,13 @@ def check(name: str, value: Any, limit: Any, unit: str, passed: bool, says: str 
     return {"name": name, "value": value, "limit": limit, "unit": unit, "passed": passed, "says": says}
 
 
+def optimised(step, least, done=None):
+    measures = {"min_dihedral_deg": (least, 21.0, 48.3, 0.0, 70.5), "scaled_jacobian": (0.1, 0.3, 0.7, -1.0, 1.0), "aspect": (1.1, 1.3, 2.0, 1, 10)}
+    keys = ("min", "p01", "median", "low", "high")
+    rows = {name: {**dict(zip(keys, values, strict=True)), "counts": [0, 12, 14_000]} for name, values in measures.items()}
+    return {"step": step, "n_tets": 14012, "measures": rows, **({"done": done} if done else {})}
+
+
 def case(name: str, measure: str, unit: str, value: float, expected: float | None = None, std: float | None = None) -> dict[str, Any]:
     error = None if expected is None else abs(value / expected - 1)
     return {"name": name, "measure": measure, "unit": unit, "value": value, "expected": expected, "relative_error": error, "std": std}
@@ -54,6 +61,11 @@ CONVERTED: dict[str, Any] = {
             "scaled_jacobian": spread(0.22, 0.35, 0.71),
             "min_dihedral_deg": spread(12.41, 21.0, 48.3),
         },
+        "optimised": [
+            optimised("filled", 4.2),
+            optimised("odt", 9.0, {"iterations": 5, "energy": [1.0, 0.92]}),
+            optimised("exude", 12.41, {"undone": 1}),
+        ],
     },
     "cad": {"n_faces": 8, "valid": True, "volume_m3": 0.00047878, "n_planar": 8, "n_cylindrical": 0, "n_nurbs": 0},
     "fea": {

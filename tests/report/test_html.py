@@ -136,7 +136,7 @@ def test_hostile_names_stay_names(page):
 
 def test_every_picture_has_words_and_a_scale(page):
     read = Reader(page)
-    assert len(read.images) == 1 + 8 + 1 + 3  # the scene, the angle, the plate, the ring
+    assert len(read.images) == 1 + 9 + 1 + 3  # the scene, the angle, the plate, the ring
     assert all(len(image["alt"]) > 10 and int(image["width"]) and int(image["height"]) for image in read.images)
     assert page.count('class="scale"') == len(read.images)
 

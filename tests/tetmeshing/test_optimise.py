@@ -133,10 +133,10 @@ def test_driver_reaches_the_target_inside_the_same_boundary(order, seed):
     assert (found.row[hull] >= 0).all()
     assert np.array_equal(found.nodes[found.row[hull]], nodes[hull])
     assert {tuple(sorted(f)) for f in found.row[hull].tolist()} == {tuple(sorted(f)) for f in boundary_of(found.tets).tolist()}
-    worst = [row["min"] for row in found.log]
+    worst = [row["measures"]["min_dihedral_deg"]["min"] for row in found.log]
     assert worst == sorted(worst)
     assert worst[-1] == pytest.approx(tet_dihedrals(found.nodes, found.tets).min(), abs=1e-9)
-    assert all(sum(row["histogram"]) == row["n_tets"] for row in found.log)
+    assert all(sum(measure["counts"]) == row["n_tets"] for row in found.log for measure in row["measures"].values())
 
 
 def test_same_bytes_twice_and_nothing_to_do_changes_nothing():

@@ -89,12 +89,13 @@ def surface_row(mesh: TriangleMesh) -> dict[str, Any]:
     }
 
 
-def volume_row(tets: TetMesh) -> dict[str, Any]:
-    """objects[].volume."""
+def volume_row(tets: TetMesh, steps: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+    """objects[].volume; `steps` is the log of the optimisers of the tets."""
     quality = {name: summary(values) for name, values in tet_quality(tets.nodes, tets.tets).items()}
     used = len(np.unique(tets.tets))
     total = float(tet_volumes(tets.nodes, tets.tets).sum())
-    return {"n_nodes": used, "n_tets": len(tets.tets), "order": tets.order, "volume_m3": number(total), "quality": finite_tree(quality)}
+    row = {"n_nodes": used, "n_tets": len(tets.tets), "order": tets.order, "volume_m3": number(total), "quality": finite_tree(quality)}
+    return {**row, "optimised": finite_tree(list(steps))} if steps else row
 
 
 def cad_row(brep: Brep, tets: TetMesh | None) -> dict[str, Any]:
@@ -154,7 +155,7 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
     if made.surface is not None and len(made.surface.faces):
         row["surface"] = surface_row(made.surface)
     if made.tets is not None:
-        row["volume"] = volume_row(made.tets)
+        row["volume"] = volume_row(made.tets, made.how.get("steps") or ())
     if made.brep is not None:
         row["cad"] = cad_row(made.brep, made.tets)
     if made.model is not None and made.result is not None:

@@ -109,6 +109,35 @@ def bars(rows: Sequence[tuple[str, float, str]], *, title: str, caption: str = "
     return tag("figure", _svg(parts, f"Bars: {title}. {told}.", 8 + line * len(rows)), note, class_="chart")
 
 
+def ridges(rows: Sequence[tuple[str, Sequence[int], str]], *, low: float, high: float, axis: str, title: str) -> Html:
+    """Histograms one below the other on one axis. rows : label, counts from low to high, what is written at the end.
+
+    Heights are roots of the counts, all to one scale: a handful of bad elements among many thousands is what they are there to show.
+    """
+    tall = max((max(counts, default=0) for _, counts, _ in rows), default=0)
+    if not tall or not high > low:
+        return NOTHING
+    line, floor = 40, 4 + 40 * len(rows)
+    parts = []
+    for k, (label, counts, written) in enumerate(rows):
+        base = 4 + (k + 1) * line
+        wide = (WIDTH - LEFT - RIGHT) / len(counts)
+        for i, n in enumerate(counts):
+            if n:
+                size = max((line - 16) * math.sqrt(n / tall), 0.8)
+                spot = {"x": f"{LEFT + i * wide:.1f}", "y": f"{base - size:.1f}", "width": f"{wide * 0.94:.2f}", "height": f"{size:.1f}"}
+                parts.append(tag("rect", **spot, fill=BAR))
+        parts.append(tag("line", x1=LEFT, x2=WIDTH - RIGHT, y1=base, y2=base, stroke=FAINT, stroke_width=1))
+        parts.append(tag("text", _short(label, 19), x=LEFT, y=base - line + 12, fill=TEXT))
+        parts.append(tag("text", written, x=WIDTH - RIGHT, y=base - line + 12, text_anchor="end", fill=TEXT))
+    for value in ticks(low, high):
+        parts.append(tag("text", number(value), x=f"{_x(value, low, high):.1f}", y=floor + 16, text_anchor="middle", fill=TEXT))
+    parts.append(tag("text", axis, x=WIDTH / 2, y=floor + 32, text_anchor="middle", fill=TEXT))
+    told = "; ".join(f"{label} {written}" for label, _, written in rows)
+    note = tag("figcaption", tag("b", title), ". Heights are roots of the counts.")
+    return tag("figure", _svg(parts, f"Histograms: {title}, {axis}. {told}.", floor + 40), note, class_="chart")
+
+
 def colour_bar(anchors: str, low: str, middle: str, high: str, label: str) -> Html:
     """The scale under a picture: a strip of the palette (a CSS gradient) with its ends and its unit."""
     strip = tag("div", class_="strip", style=f"background:{anchors}")

@@ -9,9 +9,10 @@ from scan2fea.report.charts import bars
 from scan2fea.report.figures import camera_for, deviation_figure, origin_figure, plain_figure, points_figure, regions_figure
 from scan2fea.report.markup import NOTHING, Html, figure_cell, table, tag
 from scan2fea.report.member import member_section
+from scan2fea.report.optimised import optimised_block
 from scan2fea.report.parts import anchor, badge, downloads, facts, mark, picture, quality_table, section
 from scan2fea.report.saved import Geometry
-from scan2fea.report.solids import Solid, cut_figure, displacement_figure, mode_figure, quality_charts, worst_elements
+from scan2fea.report.solids import Solid, cut_figure, displacement_figure, mode_figure, quality_charts, worst_elements, worst_figure
 from scan2fea.report.words import (
     check_name,
     count,
@@ -71,7 +72,8 @@ def _pictures(item: Item, made: Geometry, width_px: int) -> tuple[list[Html], li
     if solid is not None and len(solid.tets):
         frequencies = [*((item.get("fea") or {}).get("frequencies_hz") or [first_frequency_hz(item)]), None, None, None]
         modes = [mode_figure(solid, camera, k + 1, frequencies[k]) for k in range(SHOWN_MODES)]
-        figures += [figure for figure in (cut_figure(solid, camera), displacement_figure(solid, camera), *modes) if figure is not None]
+        drawn = (cut_figure(solid, camera), worst_figure(solid, camera), displacement_figure(solid, camera), *modes)
+        figures += [figure for figure in drawn if figure is not None]
         charts += quality_charts(solid)
     return [picture(figure) for figure in figures], charts
 
@@ -158,6 +160,7 @@ def _mesh(item: Item, solid: Solid | None) -> Html:
             where = ", ".join(number(x * MILLIMETRES_PER_METRE) for x in centre)
             rows.append([count(element), figure_cell(f"{number(angle)}\u00b0", "smallest dihedral"), figure_cell(where, "centroid, mm")])
         blocks.append(("The five worst elements", table(("element", "smallest dihedral", "centroid, mm"), rows)))
+    blocks.append(("What the optimisers did", optimised_block((item.get("volume") or {}).get("optimised") or [])))
     return section("Mesh quality", *(tag("div", tag("h4", title), made, class_="block") for title, made in blocks if made), class_="part long")
 
 

@@ -21,6 +21,7 @@ from scan2fea.units import MILLIMETRES_PER_METRE
 WARP = 0.07  # of the size of the object: how far its most displaced point is shown to move
 SLENDER = 4.0  # length / width above which the cut goes across and the picture shows its neighbourhood only
 NEAR_CUT = 1.1  # of the width: how much of a slender thing is shown behind the cut
+WORST_COLOUR = np.array([204, 51, 38], np.uint8)
 BEST_DIHEDRAL = TET_LIMITS["min_dihedral_deg"].best
 
 
@@ -73,6 +74,28 @@ def cut_figure(solid: Solid, camera: Camera) -> Figure:
     caption = f"{'Cut across the middle, the part behind it shown' if across else 'Cut through the middle'}: {len(solid.tets):,} tetrahedra in all."
     alt = f"The tetrahedra behind a plane through the middle; smallest dihedral angle {number(float(angle.min()))} degrees."
     return drawn("Inside the mesh", alt, caption, view, render(view, (shape,)), legend)
+
+
+def worst_figure(solid: Solid, camera: Camera) -> Figure:
+    """The worst element and, of those that touch it, the ones behind it: what its neighbours look like."""
+    angle = solid.min_dihedral_deg()
+    worst = int(angle.argmin())
+    touches = np.isin(solid.tets[:, :4], solid.tets[worst, :4]).any(axis=1)
+    depth = solid.nodes[solid.tets[:, :4]].mean(axis=1) @ camera.axes[2]
+    kept = touches & (depth < depth[worst])
+    kept[worst] = True
+    near = solid.nodes[np.unique(solid.tets[kept][:, :4])]
+    view = framed(near, camera.axes, camera.width_px, round(camera.width_px * 0.64))
+    faces, owner = solid.boundary(kept)
+    colours = viridis(angle[owner] / BEST_DIHEDRAL)
+    colours[owner == worst] = WORST_COLOUR
+    shape = Shape(vertices=solid.nodes, faces=faces, colours=colours, smooth=False, lines=True, contrast=DATA_CONTRAST)
+    least = number(float(angle[worst]))
+    legend = colour_bar(
+        gradient(VIRIDIS), "0\u00b0 (flat)", "", f"{number(BEST_DIHEDRAL, 3)}\u00b0 (regular)", "Smallest dihedral angle of each element"
+    )
+    caption = f"Element {worst + 1:,} in red, {least}\u00b0; behind it the {int(kept.sum()) - 1} elements that touch it there."
+    return drawn("The worst element", f"The worst element, {least} degrees, and its neighbours.", caption, view, render(view, (shape,)), legend)
 
 
 def displacement_figure(solid: Solid, camera: Camera) -> Figure | None:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from scan2fea.kernel.quality import summary, tet_dihedrals
+from scan2fea.kernel.quality import TET_LIMITS, summary, tet_quality
 from scan2fea.kernel.relaxation import relax
 from scan2fea.options import option
 from scan2fea.tetmeshing.exude import exude_all
@@ -30,7 +30,8 @@ ORDERS: Mapping[str, tuple[str, ...]] = {
     "lloyd_first": ("lloyd", "odt", "perturb", "exude"),
     "none": (),
 }
-BINS_DEG = np.arange(0.0, 75.0 + 2.5, 2.5)  # of the histograms that the report shows
+BINS = 24  # of the histograms that the report shows
+MANY = 10.0  # times the best: where the histograms of measures without a bound end
 MORE_NODES = 0.1  # of those given: how many vertices exudation may put in where nothing else helps
 
 
@@ -50,8 +51,8 @@ class OptimiseOptions:
 class Optimised(Value):
     """nodes, tets : better or as given.   row : (n,) of the nodes given, where each is now (-1: no longer used; never for the boundary).
 
-    log : a row for what was given and one per step: step, n_tets, min, p01, median of the smallest dihedral angles, histogram (counts per 2.5 deg),
-    done (how much of what), and for ODT and Lloyd the energies.
+    log : a row for what was given and one per step: step, n_tets, measures (of every measure: min, p01, median, p99, max, and a histogram: low, high,
+    counts, what lies beyond in the outermost), done (how much of what; for ODT and Lloyd the energies).
     """
 
     nodes: FloatArray
@@ -97,9 +98,15 @@ def _quality(angle_deg: float) -> float:
 
 def _told(work: Work) -> dict[str, Any]:
     nodes, tets, _ = closed(work)
-    angle = tet_dihedrals(nodes, tets).min(1)
-    counts = np.histogram(np.minimum(angle, BINS_DEG[-1]), BINS_DEG)[0]
-    return {"n_tets": len(tets), **summary(angle), "histogram": [int(k) for k in counts]}
+    measures = {name: {**summary(values), **_histogram(name, values)} for name, values in tet_quality(nodes, tets).items()}
+    return {"n_tets": len(tets), "measures": measures}
+
+
+def _histogram(name: str, values: FloatArray) -> dict[str, Any]:
+    limit = TET_LIMITS[name]
+    low, high = sorted((limit.best, limit.worst if np.isfinite(limit.worst) else MANY * limit.best))
+    counts, _ = np.histogram(np.clip(values, low, high), BINS, (low, high))
+    return {"low": low, "high": high, "counts": [int(k) for k in counts]}
 
 
 def _copy(work: Work) -> Work:

@@ -276,6 +276,25 @@ class Damage(Value):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class SectionChange(Value):
+    """A dimension of the section that changes along the member, piecewise linear from one end to the other.
+
+    kind : "taper" (one slope) or "haunch" (grown towards one or both ends).   z_m : (k,) rising, 0 to length.   value_m, std_m : (k,).
+    side : 0 where both sides of a centred dimension move alike, 1 or -1 where the face of larger or smaller coordinate stays straight.
+    The parameter of that name of the member holds the least value.
+    """
+
+    kind: str
+    dimension: str
+    z_m: FloatArray
+    value_m: FloatArray
+    std_m: FloatArray
+    side: int = 0
+
+    _ROWS = (("z_m", "value_m", "std_m"),)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Member(Value):
     """A prismatic member: a section of `kernel.sections` swept along a nearly straight axis.
 
@@ -285,7 +304,7 @@ class Member(Value):
     end_normals : (2, 3) outward unit normals of the two end planes in the member's frame; (0, 0, -1) and (0, 0, 1) where square.
     covariance : (p, p) of the parameters in their order, metres squared; zero rows where nothing was estimated.
     seen : name of each face of the section -> share of its length that points support.
-    families : family -> posterior probability.   damage : significant places only.
+    families : family -> posterior probability.   damage : significant places only.   change : of the section along the axis, None for a prism.
     """
 
     family: str
@@ -302,6 +321,7 @@ class Member(Value):
     families: Mapping[str, float]
     catalogue: tuple[CatalogueEntry, ...] = ()
     damage: tuple[Damage, ...] = ()
+    change: SectionChange | None = None
 
     def values(self) -> dict[str, float]:
         """Every dimension by name, metres."""

@@ -21,17 +21,20 @@ class Curve(Value):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Side(Value):
-    """A face along the member. loop : of the outline.   kind : plane, cylinder or nurbs.   corners : (2, 2, 3) [end, start or end of the edge].
+    """A face along the member. edge, loop : of the outline.   kind : plane, cylinder or nurbs.   corners : (2, 2, 3) [end, start or end of the edge].
 
-    ways : from the first end plane to the last, of the start and the end of the edge, and between them of the middle control point of an arc of
-    weight `weight`.   axis : (2, 3) of a cylinder, at the two ends.   radius, turn : of an arc, counter-clockwise positive.
+    stations : numbers of the planes across the member where it begins and ends.   ways : per stretch between stations, from one to the next, of the
+    start and the end of the edge, and between them of the middle control point of an arc of weight `weight`; only planes have several stretches.
+    axis : (2, 3) of a cylinder, at the two ends.   radius, turn : of an arc, counter-clockwise positive.
     """
 
     name: str
+    edge: str
     loop: int
     kind: str
+    stations: tuple[int, int]
     corners: FloatArray
-    ways: tuple[Curve, ...]
+    ways: tuple[tuple[Curve, ...], ...]
     weight: float
     axis: FloatArray | None
     radius: float
@@ -40,18 +43,19 @@ class Side(Value):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class End(Value):
-    """An end plane: a place in it, its outward normal, a direction in it."""
+    """A plane across the member: a place in it, its normal (outward at the ends), a direction in it."""
 
     origin: FloatArray
     normal: FloatArray
     x: FloatArray
 
 
-def prism_text(sides: Sequence[Side], ends: tuple[End, End], names: tuple[str, ...], uncertainty_m: float) -> str:
-    """The file: the sides in order, then the first and the last end."""
+def prism_text(sides: Sequence[Side], ends: Sequence[End], names: tuple[str, ...], uncertainty_m: float) -> str:
+    """The file: the sides in order, then the first and the last end. ends : the planes of all stations, in order."""
     writer = _Writer()
     faces = [writer.side(side, ends, name) for side, name in zip(sides, names, strict=False)]
-    faces += [writer.end(sides, end, which, names[len(sides) + which]) for which, end in enumerate(ends)]
+    last = len(ends) - 1
+    faces += [writer.end(sides, ends[station], station, station == last, names[len(sides) + k]) for k, station in enumerate((0, last))]
     shell = f"#22=CLOSED_SHELL('',({','.join(f'#{n}' for n in faces)}));\n"
     head = HEAD.format(name=PRODUCT_NAME, uncertainty=real(uncertainty_m * MILLIMETRES_PER_METRE))
     return HEADER.format(description="scan2fea solid", name="model.step") + head + shell + "".join(writer.lines) + FOOTER
@@ -120,11 +124,12 @@ class _Writer:
     def rim(self, side: Side, which: int, end: End) -> int:
         """The edge of a side in an end plane, in the direction of the outline."""
         start, stop = side.corners[which]
-        key = ("rim", which, side.name)
+        key = ("rim", side.stations[which], side.edge)
         if key in self.edges:
             return self.edges[key]
-        if len(side.ways) == 3:
-            controls = _list(self.point(way.points[-which]) for way in side.ways)
+        ways = side.ways[-which]
+        if len(ways) == 3:
+            controls = _list(self.point(way.points[-which]) for way in ways)
             arc = self.add(
                 f"(BOUNDED_CURVE()B_SPLINE_CURVE(2,{controls},.UNSPECIFIED.,.F.,.F.)B_SPLINE_CURVE_WITH_KNOTS((3,3),(0.,1.),.PIECEWISE_BEZIER_KNOTS.)"
                 f"CURVE()GEOMETRIC_REPRESENTATION_ITEM()RATIONAL_B_SPLINE_CURVE((1.,{real(side.weight)},1.))REPRESENTATION_ITEM(''))"
@@ -151,11 +156,12 @@ class _Writer:
             bounds.append(self.add(f"{'FACE_BOUND' if k else 'FACE_OUTER_BOUND'}('',#{wire},.T.)"))
         return self.add(f"ADVANCED_FACE('{name}',{_list(bounds)},#{surface},.{'T' if same else 'F'}.)")
 
-    def side(self, side: Side, ends: tuple[End, End], name: str) -> int:
+    def side(self, side: Side, ends: Sequence[End], name: str) -> int:
         """Along the first end, up at the end of the edge, back along the last end, down at its start."""
-        up, down = self.way(side.ways[-1]), self.way(side.ways[0])
-        near, far = self.rim(side, 0, ends[0]), self.rim(side, 1, ends[1])
-        loop = [self.oriented(near, True), self.oriented(up, True), self.oriented(far, False), self.oriented(down, False)]
+        ups, downs = [self.way(ways[-1]) for ways in side.ways], [self.way(ways[0]) for ways in side.ways]
+        near, far = (self.rim(side, which, ends[side.stations[which]]) for which in (0, 1))
+        loop = [self.oriented(near, True), *(self.oriented(up, True) for up in ups)]
+        loop += [self.oriented(far, False), *(self.oriented(down, False) for down in downs[::-1])]
         return self.face([loop], self.surface(side), name, same=side.axis is None or side.turn > 0)
 
     def surface(self, side: Side) -> int:
@@ -166,8 +172,9 @@ class _Writer:
         if side.kind == "plane":
             return self.add(f"PLANE('',#{self.placement(a, np.cross(b - a, d - a), b - a)})")
         # u across from start to end, v along the member: du x dv points outward
-        rows = ",".join(_list(self.point(p) for p in way.points) for way in side.ways)
-        degree, n = len(side.ways) - 1, len(side.ways[0].points)
+        ways = side.ways[0]
+        rows = ",".join(_list(self.point(p) for p in way.points) for way in ways)
+        degree, n = len(ways) - 1, len(ways[0].points)
         knots = f"({degree + 1},{degree + 1}),({n},{n}),(0.,1.),(0.,1.),.PIECEWISE_BEZIER_KNOTS."
         if degree == 1:
             return self.add(f"B_SPLINE_SURFACE_WITH_KNOTS('',1,{n - 1},({rows}),.UNSPECIFIED.,.F.,.F.,.F.,{knots})")
@@ -177,10 +184,11 @@ class _Writer:
             f"GEOMETRIC_REPRESENTATION_ITEM()RATIONAL_B_SPLINE_SURFACE(({weights}))REPRESENTATION_ITEM('')SURFACE())"
         )
 
-    def end(self, sides: Sequence[Side], end: End, which: int, name: str) -> int:
+    def end(self, sides: Sequence[Side], end: End, station: int, is_last: bool, name: str) -> int:
         """The last end has the loops of the outline, the first one the same backwards."""
-        loops = []
-        for number in sorted({side.loop for side in sides}):
-            rims = [self.oriented(self.rim(side, which, end), which == 1) for side in sides if side.loop == number]
-            loops.append(rims if which == 1 else rims[::-1])
+        which, loops = int(is_last), []
+        here = [side for side in sides if side.stations[which] == station]
+        for number in sorted({side.loop for side in here}):
+            rims = [self.oriented(self.rim(side, which, end), is_last) for side in here if side.loop == number]
+            loops.append(rims if is_last else rims[::-1])
         return self.face(loops, self.add(f"PLANE('',#{self.placement(end.origin, end.normal, end.x)})"), name, same=True)

@@ -12,6 +12,7 @@ from scan2fea.estimation.anneal import annealed, climbed, on_the_ridge, ridge_re
 from scan2fea.estimation.face_weights import free_faces, seen_weights, set_price, snapped
 from scan2fea.estimation.initial import Start, starts
 from scan2fea.estimation.likelihood import Layout, SectionModel, bounds, model_of, sigma_floor
+from scan2fea.estimation.plausible import implausible_price
 from scan2fea.estimation.scoring import Scored
 from scan2fea.estimation.visible import likeliest_set, visible_sets
 from scan2fea.kernel.noise import sampled_rows
@@ -208,7 +209,9 @@ def candidate_of(scene: Scene, model: SectionModel, done: Scored, price: float =
     lower, upper = bounds(model.layout, scene.size_m, scene.held(model.layout))
     n_free = int(((lower < upper) & (np.diag(done.information) > 0)).sum())
     informed = [wall for wall in walls(model.layout.family) if done.information[model.layout.place[wall], model.layout.place[wall]] > 0]
-    bic = -2 * done.log_posterior + n_free * math.log(len(model.xy)) + price + slenderness_price(model.layout, done.theta, informed)
+    values = dict(zip(PARAMETERS[model.layout.family], model.layout.values(done.theta).tolist(), strict=True))
+    odd = slenderness_price(model.layout, done.theta, informed) + implausible_price(model.layout.family, values)
+    bic = -2 * done.log_posterior + n_free * math.log(len(model.xy)) + price + odd
     return Candidate(
         layout=model.layout,
         theta=done.theta,

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtr
 
-from scan2fea.types import FloatArray, Value
+from scan2fea.types import BoolArray, FloatArray, Value
 
 _WINDOW = 12.0  # noise widths on either side of an edge that its likelihood looks at: the rates need far more points than the edge itself
 _WINDOW_POINTS = 100  # at least so many points of the member lie in half a window
@@ -33,6 +33,8 @@ _CLUTTER = 0.5  # clutter along the axis is at most this dense against the membe
 _ROUNDS = 12
 _CAP_STEPS = (-2, -1, 1, 2, 3, 4, 5)  # other caps, as powers of two of the expected one: seen worse, seen better
 _PATCH_POINTS = 15
+_RUN, _BEYOND = 3, 0.05  # bins and share of the points of a stretch beyond a gap that belongs to the member
+_TRACE = 0.03  # of the median density: what is left of a hidden stretch
 _ROOT_2PI = math.sqrt(2 * math.pi)
 
 
@@ -88,8 +90,30 @@ def rough_ends(z: FloatArray) -> tuple[float, float]:
         i -= 1
     while j < n_bins and counts[j : j + 2].mean() >= floor > 0:
         j += 1
+    first, last = _over_gaps(counts, int(i), int(j), floor)
     step = (high - low) / n_bins
-    return float(low + i * step), float(low + j * step)
+    return low + first * step, low + last * step
+
+
+def _over_gaps(counts: FloatArray, i: int, j: int, floor: float) -> tuple[int, int]:
+    """The stretch i .. j with what lies beyond gaps: something before the member hid most of it there, and it goes on behind.
+
+    A stretch beyond a gap belongs where it is three bins long, nowhere thinner than the floor, holds a twentieth of the points, and the gap is not
+    empty: two members in one line have nothing between them.
+    """
+    least, trace = _BEYOND * float(counts[i:j].sum()), _TRACE * 4 * floor
+    for start, end in _runs(counts >= max(floor, 1.0)):
+        gap = counts[end:i] if end <= i else counts[j:start]
+        goes_on = len(gap) == 0 or (float(gap.mean()) >= trace and float((gap > 0).mean()) > 0.5)
+        if end - start >= _RUN and float(counts[start:end].sum()) >= least and goes_on:
+            i, j = min(i, start), max(j, end)
+    return i, j
+
+
+def _runs(flag: BoolArray) -> list[tuple[int, int]]:
+    """(start, end) of the stretches of True."""
+    edge = np.flatnonzero(np.diff(np.r_[False, flag, False].astype(np.int8)))
+    return [(int(a), int(b)) for a, b in edge.reshape(-1, 2)]
 
 
 def find_ends(points: FloatArray, sigma_m: float, rough: tuple[float, float], cap_ratio_m: float = 0.0) -> Ends:

@@ -54,8 +54,9 @@ def residual_field(points: FloatArray, solid: Solid) -> ResidualField:
 
 
 def in_section(solid: Solid, local: FloatArray) -> FloatArray:
-    """(n, 2) places in the section of points (n, 3) in the frame of the member: bow and twist undone."""
+    """(n, 2) places in the section of points (n, 3) in the frame of the member: bow, twist and growth undone."""
     offset, roll = axis_at(solid.sweep, local[:, 2])
     x, y = (local[:, :2] - offset).T
     cos, sin = np.cos(roll), np.sin(roll)
-    return np.stack([cos * x + sin * y, -sin * x + cos * y], axis=1)
+    xy = np.stack([cos * x + sin * y, -sin * x + cos * y], axis=1)
+    return xy if solid.sweep.stretch is None else solid.sweep.stretch.undone(xy, solid.sweep.growth(local[:, 2]))

@@ -11,7 +11,7 @@ from scan2fea.estimation.grid import Grid, is_orthogonal, rectangle_grid, ring_g
 from scan2fea.estimation.solid import NODES, Solid
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.sections import ROUND
-from scan2fea.kernel.sweep import swept_points
+from scan2fea.kernel.sweep import shares_with_knots, swept_points
 from scan2fea.options import option
 from scan2fea.types import FloatArray, IntArray, Value
 
@@ -58,12 +58,13 @@ def layers_of(solid: Solid, options: LayerOptions = LayerOptions()) -> Layers:
         edge /= FINER
     grid = _grid(solid, edge)
     n_layers = _n_layers(solid, grid, edge)
-    points = swept_points(solid.sweep, grid.points, np.arange(n_layers + 1) / n_layers)
+    share = shares_with_knots(solid.sweep, n_layers)
+    points = swept_points(solid.sweep, grid.points, share)
     tags = [np.array([solid.face_names.index(name) for name in loop]) for loop in solid.loop_names]
     tag = np.array([tags[i][k] for i, k in zip(grid.rim_loop.tolist(), grid.rim_edge.tolist(), strict=True)], np.int64)
-    length = float(np.linalg.norm(points[-1] - points[0], axis=1).max())
+    layer = float(np.linalg.norm(points[-1] - points[0], axis=1).max()) / (len(share) - 1)
     return Layers(
-        points=points, triangles=grid.triangles, rim=grid.rim, rim_tag=tag, face_names=solid.face_names, edge_m=edge, layer_m=length / n_layers
+        points=points, triangles=grid.triangles, rim=grid.rim, rim_tag=tag, face_names=solid.face_names, edge_m=edge, layer_m=layer
     )
 
 

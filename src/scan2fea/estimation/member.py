@@ -21,7 +21,9 @@ from scan2fea.estimation.given import Given, Told, compared, joint_p_value
 from scan2fea.estimation.initial import starts
 from scan2fea.estimation.likelihood import hull_area
 from scan2fea.estimation.observability import RESOLVED
+from scan2fea.estimation.supported import told_only
 from scan2fea.estimation.swept import Sweep, sweep_of
+from scan2fea.estimation.systematic import face_error, thinned_spacing, widened
 from scan2fea.estimation.with_rays import needs_rays, refined
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.noise_kernels import KERNELS
@@ -142,6 +144,9 @@ def _swept(points: FloatArray, axes: tuple[Axis, ...], options: MemberOptions, f
     member = _member(sweep, fit, ends, fixed)
     told = explanation(points, member, fit.sigma_m, options.seed)
     member = dataclasses.replace(member, seen=_seen(fit, told))
+    off_m = face_error(told.pattern_m, told.p_value, fit.sigma_m)
+    member = widened(member, thinned_spacing(points, options.seed), (ends.low.cap_points, ends.high.cap_points), off_m)
+    member, blind = told_only(member)
     return MemberFit(
         member=member,
         explains=told.explains,
@@ -154,7 +159,7 @@ def _swept(points: FloatArray, axes: tuple[Axis, ...], options: MemberOptions, f
         ends=ends,
         p_fixed=p_fixed,
         given=given,
-        why={**fit.why, **{name: _BLIND for name in fit.names if _blind_plate(fit, name)}},
+        why={**fit.why, **blind, **{name: _BLIND for name in fit.names if _blind_plate(fit, name)}},
         method="density",
         n_axes=len(axes),
     )

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.polynomial import legendre
 
 from scan2fea.estimation.axis import Axis
 from scan2fea.estimation.fit import SectionFit
+from scan2fea.kernel.stretch import Stretch, stretch_of
 from scan2fea.types import FloatArray, Member, Value
 
 _ROUNDING = 1e-10  # of the length: what refitting the series leaves behind of nothing
@@ -17,23 +18,31 @@ _ROUNDING = 1e-10  # of the length: what refitting the series leaves behind of n
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sweep(Value):
-    """T_world_frame : (4, 4).   span : z from .. to, zeta = -1 .. 1.   axis : (2, k) metres and roll : (k,) radians, Legendre from degree 0 on."""
+    """T_world_frame : (4, 4).   span : z from .. to, zeta = -1 .. 1.   axis : (2, k) metres and roll : (k,) radians, Legendre from degree 0 on.
+
+    stretch : of a section that grows by growth_m (k,) at z = knots_m (k,), None for a prism.
+    """
 
     T_world_frame: FloatArray
     span: tuple[float, float]
     axis: FloatArray
     roll: FloatArray
+    stretch: Stretch | None = None
+    knots_m: FloatArray = field(default_factory=lambda: np.zeros(0))
+    growth_m: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     def coordinates(self, points: FloatArray) -> FloatArray:
-        """(n, 3) world points as (x, y) in the frame of the section and z along the frame."""
+        """(n, 3) world points as (x, y) in the frame of the section (the least one where it grows) and z along the frame."""
         local = (points - self.T_world_frame[:3, 3]) @ self.T_world_frame[:3, :3]
         zeta = (2 * local[:, 2] - self.span[0] - self.span[1]) / (self.span[1] - self.span[0])
         away = local[:, :2] - legendre.legval(zeta, self.axis.T).T if self.axis.any() else local[:, :2]
-        if not self.roll.any():
-            return np.asarray(np.c_[away, local[:, 2]], np.float64)
-        turn = legendre.legval(zeta, self.roll)
-        c, s = np.cos(turn), np.sin(turn)
-        return np.asarray(np.stack([c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0], local[:, 2]], 1), np.float64)
+        if self.roll.any():
+            turn = legendre.legval(zeta, self.roll)
+            c, s = np.cos(turn), np.sin(turn)
+            away = np.stack([c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0]], 1)
+        if self.stretch is not None:
+            away = self.stretch.undone(away, np.interp(local[:, 2], self.knots_m, self.growth_m))
+        return np.asarray(np.c_[away, local[:, 2]], np.float64)
 
     def rebased(self, low: float, high: float) -> Sweep:
         """The same sweep over z = low .. high, in the frame whose z is its straight part, x the section's and origin on the axis at low."""
@@ -92,4 +101,9 @@ def sweep_of_member(member: Member) -> Sweep:
     """The sweep of a finished member."""
     axis = np.zeros((2, max(member.bow.shape[1] + 2, 2)))
     axis[:, 2 : 2 + member.bow.shape[1]] = member.bow
-    return Sweep(T_world_frame=member.T_world_member, span=(0.0, member.values()["length"]), axis=axis, roll=np.r_[0.0, member.twist])
+    change, values = member.change, member.values()
+    prism = Sweep(T_world_frame=member.T_world_member, span=(0.0, values["length"]), axis=axis, roll=np.r_[0.0, member.twist])
+    if change is None:
+        return prism
+    stretch = stretch_of(member.family, values, change.dimension, change.side)
+    return replace(prism, stretch=stretch, knots_m=change.z_m, growth_m=change.value_m - values[change.dimension])

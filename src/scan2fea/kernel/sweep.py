@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
 from scan2fea.errors import StageError, require
+from scan2fea.kernel.stretch import Stretch, stretch_of
 from scan2fea.kernel.transforms import applied
 from scan2fea.types import FloatArray, Member, Value
 
@@ -18,17 +20,37 @@ STALLED = 0.9  # half as many strips again that gain less than 10 % gain nothing
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sweep(Value):
-    """T_world_member : (4, 4).   length_m.   bow : (2, k), twist : (q,) Legendre coefficients as in `types.Member`.   end_normals : (2, 3)."""
+    """T_world_member : (4, 4).   length_m.   bow : (2, k), twist : (q,) Legendre coefficients as in `types.Member`.   end_normals : (2, 3).
+
+    stretch : how the places of the section move where it grows, None for a prism; by growth_m (k,) at heights knots_m (k,) from 0 to length.
+    """
 
     T_world_member: FloatArray
     length_m: float
     bow: FloatArray
     twist: FloatArray
     end_normals: FloatArray
+    stretch: Stretch | None = None
+    knots_m: FloatArray = field(default_factory=lambda: np.zeros(0))
+    growth_m: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def is_straight(self) -> bool:
+        """Whether its edges are straight lines between knots."""
         return not (np.any(self.bow) or np.any(self.twist))
+
+    @property
+    def is_prism(self) -> bool:
+        return self.is_straight and self.stretch is None
+
+    @property
+    def knot_shares(self) -> FloatArray:
+        """(k,) shares of the way where the section starts to change otherwise, ends included."""
+        return np.array([0.0, 1.0]) if self.stretch is None else np.asarray(self.knots_m / self.length_m)
+
+    def growth(self, z: FloatArray) -> FloatArray:
+        """(...) what the dimension has grown at heights z."""
+        return np.asarray(np.interp(z, self.knots_m, self.growth_m))
 
 
 def sweep_of(member: Member) -> Sweep:
@@ -37,6 +59,7 @@ def sweep_of(member: Member) -> Sweep:
     require(np.isfinite(length) and length > 0, StageError, f"the member has a length of {length} m; it must be positive")
     normals = np.asarray(member.end_normals, float)
     unit = normals / np.linalg.norm(normals, axis=1)[:, None]
+    change = member.change
     says = f"an end plane of the member stands within 6 degrees of its axis (normals {np.round(unit, 3).tolist()}): it cannot end the member"
     require(unit[0, 2] <= -MIN_END_COSINE and unit[1, 2] >= MIN_END_COSINE, StageError, says)
     return Sweep(
@@ -45,6 +68,9 @@ def sweep_of(member: Member) -> Sweep:
         bow=np.asarray(member.bow, float).reshape(2, -1),
         twist=np.asarray(member.twist, float).ravel(),
         end_normals=unit,
+        stretch=None if change is None else stretch_of(member.family, member.values(), change.dimension, change.side),
+        knots_m=np.zeros(0) if change is None else np.asarray(change.z_m, float),
+        growth_m=np.zeros(0) if change is None else np.asarray(change.value_m, float) - member.values()[change.dimension],
     )
 
 
@@ -66,7 +92,7 @@ def ends_at(sweep: Sweep, section: FloatArray) -> tuple[FloatArray, FloatArray]:
     for normal, at in zip(sweep.end_normals, (0.0, sweep.length_m), strict=True):
         origin = axis_at(sweep, np.array([at]))[0][0]
         z = np.full(len(section), at)
-        for _ in range(1 if sweep.is_straight else 20):
+        for _ in range(1 if sweep.is_prism else 20):
             z = at - (_across(sweep, section, z) - origin) @ normal[:2] / normal[2]
         heights.append(z)
     first, last = heights
@@ -79,15 +105,30 @@ def _across(sweep: Sweep, section: FloatArray, z: FloatArray) -> FloatArray:
     offset, roll = axis_at(sweep, z)
     cos, sin = np.cos(roll), np.sin(roll)
     x, y = section[:, 0], section[:, 1]
+    if sweep.stretch is not None:
+        moves, growth = sweep.stretch.moves(section), sweep.growth(z)
+        x, y = x + growth * moves[:, 0], y + growth * moves[:, 1]
     return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1) + offset
 
 
 def swept_points(sweep: Sweep, section: FloatArray, share: FloatArray) -> FloatArray:
     """(m, n, 3) metres in the world: the points (n, 2) of the section at each of (m,) shares of the way from the first end plane to the last."""
     first, last = ends_at(sweep, section)
-    z = (1 - share[:, None]) * first + share[:, None] * last
+    z = _heights(sweep, first, last, share)
     local = np.concatenate([_across(sweep, section, z), z[..., None]], axis=-1)
     return applied(sweep.T_world_member, local.reshape(-1, 3)).reshape(local.shape)
+
+
+def _heights(sweep: Sweep, first: FloatArray, last: FloatArray, share: FloatArray) -> FloatArray:
+    """(m, n) heights at shares (m,) of the ways from first to last (n,); where the section changes the knots stay planes across the axis."""
+    if sweep.stretch is None:
+        return np.asarray((1 - share[:, None]) * first + share[:, None] * last)
+    at = np.repeat(sweep.knots_m[:, None], len(first), axis=1)
+    at[0], at[-1] = first, last
+    knots = sweep.knot_shares
+    k = np.clip(np.searchsorted(knots, share, side="right") - 1, 0, len(knots) - 2)
+    part = ((share - knots[k]) / (knots[k + 1] - knots[k]))[:, None]
+    return np.asarray((1 - part) * at[k] + part * at[k + 1])
 
 
 def swept_volume(sweep: Sweep, area_m2: float, centroid: FloatArray) -> float:
@@ -106,16 +147,23 @@ def stations(sweep: Sweep, loops: Sequence[FloatArray], tolerance_m: float) -> t
     That is at most the tolerance, but where more strips do not help: lines across an oblique end of a twisted member are bent themselves.
     """
     if sweep.is_straight:
-        return np.array([0.0, 1.0]), 0.0
+        return sweep.knot_shares, 0.0
     section, after = np.concatenate(loops), np.concatenate([np.roll(loop, -1, axis=0) for loop in loops])
     n_strips, last = 1, np.inf
     while True:
-        share = np.linspace(0, 1, n_strips + 1)
+        share = shares_with_knots(sweep, n_strips)
         worst = _largest_gap(sweep, section, after, share)
         if worst <= tolerance_m or worst > STALLED * last or n_strips >= MAX_STRIPS:
             return share, worst
         last = worst
         n_strips = min(MAX_STRIPS, int(np.ceil(n_strips * min(2.0, max(1.5, np.sqrt(worst / tolerance_m))))))
+
+
+def shares_with_knots(sweep: Sweep, n: int) -> FloatArray:
+    """(m + 1,) shares of the way, evenly spread between the knots, about n strips in all."""
+    knots = sweep.knot_shares
+    parts = [np.linspace(a, b, max(1, int(np.ceil(n * (b - a) - 1e-9))) + 1)[:-1] for a, b in pairwise(knots)]
+    return np.concatenate([*parts, [1.0]])
 
 
 def _largest_gap(sweep: Sweep, section: FloatArray, after: FloatArray, share: FloatArray) -> float:

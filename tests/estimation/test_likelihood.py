@@ -65,15 +65,18 @@ def test_an_impossible_section_is_minus_infinity():
     assert (model.evaluate(theta)[0] == -np.inf).all()
 
 
-def test_blocks_are_the_whole():
+@pytest.mark.parametrize("family", ["I", "CHS"])
+def test_sums_over_many_points_are_those_of_the_points(family):
     rng = np.random.default_rng(1)
-    layout = Layout(family="I", tilt=True)
+    layout = Layout(family=family, tilt=True)
     points = np.c_[rng.uniform(-0.1, 0.1, (20_000, 2)), rng.uniform(0, 3, 20_000)]
     model = model_of(points, layout, (0.0, 3.0))
     theta = theta_of(layout, rng)
-    whole = model.evaluate(theta)[0]
-    parts = np.concatenate([part(theta)[0] for part in model.parts()])
-    assert len(model.parts()) > 1 and np.array_equal(whole, parts)
+    logp, scores = model.evaluate(theta)
+    total, slope, information = model.sums(theta)
+    assert total == pytest.approx(logp.sum(), rel=1e-11)
+    assert np.allclose(slope, scores.sum(0), rtol=1e-9, atol=1e-9 * np.abs(scores).sum(0).max())
+    assert np.allclose(information, scores.T @ scores, rtol=1e-9, atol=1e-12 * information.max())
 
 
 def test_moving_the_points_moves_only_the_place():

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from scan2fea.estimation.scoring import maximise
+from scan2fea.estimation.scoring import maximise, summed
 from scan2fea.estimation.uncertainty import covariance_of, uncertainty
 
 
@@ -43,21 +43,21 @@ def test_the_sandwich_knows_a_wrong_sd():
     """The mean of data with sd 3 under a model that says 1: the sandwich says 3 / sqrt n, the information would say less."""
     data = np.random.default_rng(1).normal(0, 3, 4000)
     evaluate = mean_only(data)
-    found = maximise(evaluate, np.zeros(1), scale=np.ones(1), lower=np.full(1, -9.0), upper=np.full(1, 9.0), tolerance=1e-9)
-    trust = uncertainty(evaluate, found.theta, np.ones(1, bool))
+    found = maximise(summed(evaluate), np.zeros(1), scale=np.ones(1), lower=np.full(1, -9.0), upper=np.full(1, 9.0), tolerance=1e-9)
+    trust = uncertainty(summed(evaluate), found.theta, np.ones(1, bool))
     assert np.isclose(trust.covariance[0, 0] ** 0.5, 3 / 4000**0.5, rtol=0.05)
     assert np.isclose(trust.misfit[0], 9, rtol=0.05)  # the scores' products say 1 / (3 sqrt n)
 
 
 def test_a_true_model_has_no_misfit():
     data = np.random.default_rng(2).normal(0, 1, 4000)
-    trust = uncertainty(mean_only(data), np.array([data.mean()]), np.ones(1, bool))
+    trust = uncertainty(summed(mean_only(data)), np.array([data.mean()]), np.ones(1, bool))
     assert abs(trust.misfit[0] - 1) < 0.05 and np.isclose(trust.covariance[0, 0], 1 / 4000, rtol=0.05)
 
 
 def test_a_subsample_counts_for_all():
     data = np.random.default_rng(3).normal(0, 1, 4000)
-    part = uncertainty(mean_only(data[:1000]), np.array([data[:1000].mean()]), np.ones(1, bool), weight=4.0)
+    part = uncertainty(summed(mean_only(data[:1000])), np.array([data[:1000].mean()]), np.ones(1, bool), weight=4.0)
     assert np.isclose(part.covariance[0, 0], 1 / 4000, rtol=0.1)
 
 
@@ -66,6 +66,6 @@ def test_coverage_of_the_intervals():
     held = 0
     for seed in range(400):
         data = np.random.default_rng(seed).normal(0, 2, 200)
-        trust = uncertainty(mean_only(data), np.array([data.mean()]), np.ones(1, bool))
+        trust = uncertainty(summed(mean_only(data)), np.array([data.mean()]), np.ones(1, bool))
         held += abs(data.mean()) < 1.96 * trust.covariance[0, 0] ** 0.5
     assert 0.91 < held / 400 < 0.985

@@ -105,7 +105,7 @@ def on_the_ridge(layout: Layout, theta: FloatArray, fixed: Mapping[str, float] |
 def _run(model: SectionModel, theta: FloatArray, size_m: float, lower: FloatArray, upper: FloatArray, iterations: int, tolerance: float) -> Scored:
     layout = model.layout
     return maximise(
-        model.parts(),
+        model.sums,
         theta,
         scale=scales(layout, size_m),
         lower=lower,

@@ -24,7 +24,9 @@ _POINTS = 6_000
 _SLENDER = 2.0  # shape-estimation.md, method 1: below this ratio of length to section every principal direction is tried
 _WIDTHS = (0.2, 0.12, 0.07, 0.04, 0.025)  # of the kernel, in diameters of the section
 _CELLS = 2.0  # grid cells per kernel width
-_STEPS = 4
+_STEPS = 8  # at each width, at most
+_STILL = 0.01  # of the width of the kernel: a step that is no step
+_CAUTION = 0.3
 _FLOOR = 0.03  # of the mean density: points that lie where it is lower have no say
 _COLLINEAR = 1e-6
 
@@ -196,33 +198,49 @@ def _climb(
     if len(inside) < 20:
         return bow, twist
     zeta = (2 * inside[:, 2] - ends[0] - ends[1]) / (ends[1] - ends[0])
-    basis = legendre.legvander(zeta, max(degree, twist_degree))
+    basis = legendre.legvander(zeta, max(degree, twist_degree))[:, 1:]
     for width in _WIDTHS:
         h = width * size
+        limit = np.r_[np.full(2 * degree, h), np.full(twist_degree, width)]
+        u = _unbent(inside, zeta, bow, twist)[:, :2]
+        level, slope = _log_density(u, h)
+        caution = _CAUTION
         for _ in range(_STEPS):
-            u = _unbent(inside, zeta, bow, twist)[:, :2]
-            slope = _log_density(u, h)[1]
-            # moving the axis by +1 moves the straightened point by -1 (turned with the twist, which is small in a step)
-            angle = basis[:, : len(twist)] @ twist
-            c, s = np.cos(angle), np.sin(angle)
-            by_x, by_y = -(c * slope[:, 0] - s * slope[:, 1]), -(s * slope[:, 0] + c * slope[:, 1])
-            columns = [by_x[:, None] * basis[:, 1 : degree + 1], by_y[:, None] * basis[:, 1 : degree + 1]]
-            if twist_degree:
-                turn = slope[:, 0] * u[:, 1] - slope[:, 1] * u[:, 0]
-                columns.append(turn[:, None] * basis[:, 1 : twist_degree + 1])
-            scores = np.concatenate(columns, 1)
-            information = scores.T @ scores
-            unit = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-            matrix = information * np.outer(unit, unit) + 1e-3 * np.eye(len(unit))
-            step = unit * np.linalg.solve(matrix, unit * scores.sum(axis=0))
-            limit = np.r_[np.full(2 * degree, h), np.full(twist_degree, width)]
+            step = _step(u, slope, basis, twist, degree, h, caution)
             step = step * min(1.0, float((limit / np.maximum(np.abs(step), 1e-300)).min()))
-            bow[0, 1:] += step[:degree]
-            bow[1, 1:] += step[degree : 2 * degree]
-            twist[1:] += step[2 * degree :]
-            if (np.abs(step) < 0.02 * limit).all():
+            tried_bow, tried_twist = bow.copy(), twist.copy()
+            tried_bow[:, 1:] += step[: 2 * degree].reshape(2, degree)
+            tried_twist[1:] += step[2 * degree :]
+            tried = _unbent(inside, zeta, tried_bow, tried_twist)[:, :2]
+            found = _log_density(tried, h)
+            is_up = float(found[0].sum()) > float(level.sum())
+            caution *= 0.3 if is_up else 4.0
+            if is_up:
+                bow, twist, u, (level, slope) = tried_bow, tried_twist, tried, found
+            if (np.abs(step) < _STILL * limit).all():
                 break
     return bow, twist
+
+
+def _step(u: FloatArray, slope: FloatArray, basis: FloatArray, twist: FloatArray, degree: int, h: float, caution: float) -> FloatArray:
+    """A step of scoring for the coefficients of bow and twist, (2 degree + twists,). basis : (n, k) Legendre polynomials from degree 1 on.
+
+    On a ridge sharper than the kernel slopes are small, and their products promise steps that are far too long: `caution` adds that share of the
+    kernel's own curvature, 1 / h^2.
+    """
+    # moving the axis by +1 moves the straightened point by -1, turned with the twist
+    angle = basis[:, : len(twist) - 1] @ twist[1:]
+    c, s = np.cos(angle), np.sin(angle)
+    by_x, by_y = -(c * slope[:, 0] - s * slope[:, 1]), -(s * slope[:, 0] + c * slope[:, 1])
+    along, around = basis[:, :degree], basis[:, : len(twist) - 1]
+    turn = slope[:, 0] * u[:, 1] - slope[:, 1] * u[:, 0]
+    scores = np.concatenate([by_x[:, None] * along, by_y[:, None] * along, turn[:, None] * around], 1)
+    reach = (u**2).sum(axis=1)
+    own = np.concatenate([np.tile((along**2).sum(axis=0), 2), (around**2 * reach[:, None]).sum(axis=0)]) / h**2
+    information = scores.T @ scores + np.diag(caution * own)
+    unit = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    matrix = information * np.outer(unit, unit) + 1e-9 * np.eye(len(unit))
+    return np.asarray(unit * np.linalg.solve(matrix, unit * scores.sum(axis=0)))
 
 
 def _log_density(u: FloatArray, h: float) -> tuple[FloatArray, FloatArray]:

@@ -27,6 +27,7 @@ _STARTS = 2  # of each
 _DITHER = 1.5  # of the floor of sigma
 _HIDDEN = 10.0  # BIC units that hidden faces must gain before every family is asked what it would hide
 _WALL_MEDIAN, _WALL_SPREAD = 0.045, 0.7  # of t / largest side in sections.csv, and of its log over all families of thin walls
+_WEB_MEDIAN, _WEB_SPREAD = 0.65, 0.5  # of tw / tf there, and of its log
 _RESOLVED = 2.5  # sigma: both sides of a thicker wall stand apart under any law of noise
 _FLATTEST_TUBE = 4.0  # h / b: nine in ten rectangular tubes of sections.csv are at most 3; flatter is rather a plate
 _STILL_IN = 100.0  # BIC units behind the best at which a hypothesis is dropped: no law of noise or trimming of the ends brought one back from there
@@ -224,14 +225,18 @@ def candidate_of(scene: Scene, model: SectionModel, done: Scored, price: float =
 
 
 def slenderness_price(layout: Layout, theta: FloatArray, names: Sequence[str]) -> float:
-    """What an implausible wall costs, in BIC units: log(t / largest side) of 2,600 rolled and hollow sections is 0.045 within a factor of two.
+    """What implausible walls cost, in BIC units: log(t / largest side) of 2,600 rolled and hollow sections is 0.045 within a factor of two, and a web
+    is 0.65 of its flange (990 rolled I, C and T: within a fifth; welded ones are let vary by half). Half an I is a C with a web of half its flange.
 
     names : the walls that the points tell of. One within the noise is judged at half a sigma: the data do not say that it is thinner.
     """
     if not names:
         return 0.0
-    thinnest = max(min(layout.get(theta, wall) for wall in names), 0.5 * layout.sigma(theta))
-    return (math.log(thinnest / float(layout.values(theta).max()) / _WALL_MEDIAN) / _WALL_SPREAD) ** 2
+    wall = {name: max(layout.get(theta, name), 0.5 * layout.sigma(theta)) for name in names}
+    price = (math.log(min(wall.values()) / float(layout.values(theta).max()) / _WALL_MEDIAN) / _WALL_SPREAD) ** 2
+    if "tw" in wall and "tf" in wall:
+        price += (math.log(wall["tw"] / wall["tf"] / _WEB_MEDIAN) / _WEB_SPREAD) ** 2
+    return price
 
 
 def hidden_faces(scene: Scene, candidate: Candidate) -> list[Candidate]:

@@ -29,6 +29,7 @@ _BINS_PER_SIGMA = 8  # binning by s / 8 widens the noise by 1 / 768 of its varia
 _MANY = 150  # more points than this in a window are binned where that costs nothing
 _DROP = 14.0  # what lies this many log units under the best is not integrated over
 _GRID = 41
+_ZOOMS = 12
 _CLUTTER = 0.5  # clutter along the axis is at most this dense against the member: else a chance gap inside it would pass for its end
 _ROUNDS = 12
 _CAP_STEPS = (-2, -1, 1, 2, 3, 4, 5)  # other caps, as powers of two of the expected one: seen worse, seen better
@@ -279,12 +280,12 @@ def _spread(at: FloatArray, weight: FloatArray, window: tuple[float, float], s: 
     A hypothesis that starts below `floor` is not followed.
     """
     candidates = np.unique(np.r_[np.linspace(*window, _GRID), at[:: max(1, len(at) // 200)]])
-    for _ in range(12):
+    for zoom in range(_ZOOMS):
         level, rates = _profile(at, weight, window, s, candidates, ratio)
         best = int(np.argmax(level))
         alive = np.flatnonzero(level > level[best] - _DROP)
         low, high = candidates[max(alive[0] - 1, 0)], candidates[min(alive[-1] + 1, len(candidates) - 1)]
-        if len(alive) > 0.4 * len(candidates) or level[best] < floor:
+        if len(alive) > 0.4 * len(candidates) or level[best] < floor or zoom == _ZOOMS - 1:
             break
         candidates = np.unique(np.r_[np.linspace(low, high, _GRID), candidates[best]])  # a needle must not fall between
     spread = np.gradient(candidates)

@@ -24,6 +24,7 @@ from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
 from scan2fea.estimation.swept import sweep_of_member
+from scan2fea.kernel.jit import jit
 from scan2fea.kernel.noise import noise_sigma, sampled_rows
 from scan2fea.kernel.sections import section, section_area
 from scan2fea.types import BoolArray, FloatArray, IntArray, Member, Section, Value
@@ -180,24 +181,32 @@ def has_closed_caps(points: FloatArray, member: Member, sigma_m: float) -> bool:
 
 def outline_distance(shape: Section, xy: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
     """Signed distance (n,) of points (n, 2) to the outline, negative inside; the nearest edge (n,) over all loops, and how far along it (n,) m."""
-    best, edge, along = np.full(len(xy), np.inf), np.zeros(len(xy), np.int64), np.zeros(len(xy))
-    odd = np.zeros(len(xy), bool)
-    number = 0
-    for loop in shape.loops:
-        for a, b in zip(loop, np.roll(loop, -1, axis=0), strict=True):
-            way = b - a
-            length = float(np.linalg.norm(way))
-            t = np.clip((xy - a) @ way / length**2, 0.0, 1.0)
-            away = xy - a - t[:, None] * way
-            d = np.einsum("ij,ij->i", away, away)
-            closer = d < best
-            best[closer], edge[closer], along[closer] = d[closer], number, t[closer] * length
-            if a[1] != b[1]:
-                straddles = (a[1] > xy[:, 1]) != (b[1] > xy[:, 1])
-                odd ^= straddles & (xy[:, 0] < a[0] + (xy[:, 1] - a[1]) * (b[0] - a[0]) / (b[1] - a[1]))
-            number += 1
-    distance = np.sqrt(best)
-    return np.where(odd, -distance, distance), edge, along
+    start = np.ascontiguousarray(np.concatenate(shape.loops), float)
+    way = np.concatenate([np.roll(loop, -1, axis=0) - loop for loop in shape.loops])
+    return _outline_distance(start, way, np.ascontiguousarray(xy, float))
+
+
+@jit
+def _outline_distance(start: FloatArray, way: FloatArray, xy: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
+    n = len(xy)
+    distance, edge, along = np.empty(n), np.zeros(n, np.int64), np.zeros(n)
+    square = way[:, 0] ** 2 + way[:, 1] ** 2
+    for i in range(n):
+        x, y = xy[i, 0], xy[i, 1]
+        best, at, share, odd = np.inf, 0, 0.0, False
+        for e in range(len(start)):
+            dx, dy = x - start[e, 0], y - start[e, 1]
+            t = min(max((dx * way[e, 0] + dy * way[e, 1]) / square[e], 0.0), 1.0)
+            ex, ey = dx - t * way[e, 0], dy - t * way[e, 1]
+            d = ex * ex + ey * ey
+            if d < best:
+                best, at, share = d, e, t
+            up = way[e, 1]
+            if up != 0.0 and (start[e, 1] > y) != (start[e, 1] + up > y) and dx < dy * way[e, 0] / up:
+                odd = not odd
+        distance[i] = -math.sqrt(best) if odd else math.sqrt(best)
+        edge[i], along[i] = at, share * math.sqrt(square[at])
+    return distance, edge, along
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -14,7 +14,6 @@ import numpy as np
 from scan2fea.estimation.likelihood import Layout, bounds, model_of, prior, scales
 from scan2fea.estimation.scoring import maximise
 from scan2fea.kernel.noise import sampled_rows
-from scan2fea.kernel.section_likelihood import is_section, log_density
 from scan2fea.kernel.sections import PARAMETERS, ROUND
 from scan2fea.types import FloatArray, Value
 
@@ -52,22 +51,21 @@ def starts(points: FloatArray, families: Sequence[str], z_range: tuple[float, fl
     points : (n, 3) metres in a provisional member frame.   area_m2 : of the stray points (hull of the section's points).
     """
     some = points[sampled_rows(len(points), _POINTS, seed)]
-    few = np.ascontiguousarray(some[sampled_rows(len(some), _SCREEN_POINTS, seed), :2])
+    few = some[sampled_rows(len(some), _SCREEN_POINTS, seed)]
     size = size_of(some[:, :2])
     found: list[Start] = []
     for family in families:
         layout = Layout(family=family)
-        guesses = _guesses(some[:, :2], family)
-        screened = sorted(
-            ((_likelihood(few, layout, theta, area_m2), -i, theta) for i, theta in enumerate(guesses)), key=lambda g: g[:2], reverse=True
-        )
+        guesses = np.array(_guesses(some[:, :2], family))
+        level = model_of(few, layout, z_range, area_m2=area_m2).levels(guesses)
+        order = np.argsort(-level, kind="stable")
         model = model_of(some, layout, z_range, area_m2=area_m2)
         lower, upper = bounds(layout, size)
         lower[layout.place["log_sigma"]] = math.log(_SIGMA_FLOOR * size)
         refined = []
-        for theta in _apart(screened, layout, size):
+        for theta in _apart(guesses[order[np.isfinite(level[order])]], layout, size):
             done = maximise(
-                model.evaluate,
+                model.sums,
                 theta,
                 scale=scales(layout, size),
                 lower=lower,
@@ -82,30 +80,18 @@ def starts(points: FloatArray, families: Sequence[str], z_range: tuple[float, fl
     return found
 
 
-def _apart(screened: list[tuple[float, int, FloatArray]], layout: Layout, size: float) -> list[FloatArray]:
-    """The likeliest guesses that differ from every likelier one kept: in a length by 0.15 of the size, in the roll by 15 degrees."""
+def _apart(ordered: FloatArray, layout: Layout, size: float) -> list[FloatArray]:
+    """Of guesses (g, q), likeliest first, those that differ from every likelier one kept: in a length by 0.15 of the size, in the roll by 15 degrees."""
     unit = np.full(len(layout.names) - 2, 0.15 * size)
     if "roll" in layout.place:
         unit[layout.place["roll"]] = math.radians(15)
     kept: list[FloatArray] = []
-    for likelihood, _, theta in screened:
+    for theta in ordered:
         if len(kept) == _REFINED:
             break
-        if math.isfinite(likelihood) and not any((np.abs(theta - other)[: len(unit)] < unit).all() for other in kept):
+        if not any((np.abs(theta - other)[: len(unit)] < unit).all() for other in kept):
             kept.append(theta)
     return kept
-
-
-def _likelihood(xy: FloatArray, layout: Layout, theta: FloatArray, area_m2: float) -> float:
-    if not is_section(layout.family, layout.values(theta)):
-        return -math.inf
-    roll = layout.get(theta, "roll")
-    c, s = math.cos(roll), math.sin(roll)
-    away = xy - theta[[layout.place["cx"], layout.place["cy"]]]
-    u = np.stack([c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0]], 1)
-    logp = log_density(u, layout.family, layout.values(theta), layout.sigma(theta)).logp
-    eps = layout.outlier_share(theta)
-    return float(np.logaddexp(math.log1p(-eps) + logp, math.log(eps / area_m2)).sum())
 
 
 def _guesses(xy: FloatArray, family: str) -> list[FloatArray]:

@@ -18,10 +18,12 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from scan2fea.errors import InputError, UsageError, require
-from scan2fea.estimation.scoring import Evaluate
-from scan2fea.kernel.section_likelihood import faces, is_section, log_density
+from scan2fea.estimation.scoring import Summed
+from scan2fea.kernel.noise_kernels import kernel_parts
+from scan2fea.kernel.section_likelihood import edges_of, faces, is_section, log_density
+from scan2fea.kernel.section_sums import INFORMATION, VALUE, straight_levels, straight_sums
 from scan2fea.kernel.sections import PARAMETERS, ROUND
-from scan2fea.types import FloatArray, Value
+from scan2fea.types import FloatArray, IntArray, Value
 
 MAX_OUTLIERS = 0.3  # shape-estimation.md, method 3: more than this is another object
 _BLOCK = 8192  # points
@@ -35,7 +37,7 @@ class Layout:
 
     the dimensions of the family; roll (rad, of the section's x from the member's x; absent for circles), cx, cy (m, the section's origin);
     log_sigma; logit_outliers; then, where asked for, tilt_x, tilt_y (m at the ends), bow_x2, bow_y2, bow_x3 ... (m), twist1 ... (rad), all
-    factors of Legendre polynomials of that degree in zeta = -1 .. 1 along the member; weight_FACE (log of points per metre of a face against the
+    factors of Legendre polynomials of that degree in zeta = -1 .. 1 along the member (no twist of circles); weight_FACE (log of points per metre of a face against the
     faces whose weight is not free).
     """
 
@@ -50,7 +52,7 @@ class Layout:
         roll = () if self.family in ROUND else ("roll",)
         tilt = ("tilt_x", "tilt_y") if self.tilt else ()
         bow = tuple(f"bow_{axis}{degree}" for degree in range(2, self.n_bow + 2) for axis in "xy")
-        twist = tuple(f"twist{degree}" for degree in range(1, self.n_twist + 1))
+        twist = () if self.family in ROUND else tuple(f"twist{degree}" for degree in range(1, self.n_twist + 1))
         weight = tuple(f"weight_{name}" for name in self.free_faces)
         return (*PARAMETERS[self.family], *roll, "cx", "cy", "log_sigma", "logit_outliers", *tilt, *bow, *twist, *weight)
 
@@ -146,7 +148,7 @@ class SectionModel(Value):
         stray = math.log(eps / self.area_m2)
         logp = np.logaddexp(math.log1p(-eps) + d.logp, stray)
         own = np.exp(math.log1p(-eps) + d.logp - logp)  # probability that the point is of the section
-        scores = np.empty((len(u), len(theta)))
+        scores = np.zeros((len(u), len(theta)))
         place = layout.place
         scores[:, : layout.n_values] = d.d_values
         scores[:, place["log_sigma"]] = d.d_log_sigma
@@ -176,11 +178,48 @@ class SectionModel(Value):
             for k in range(2, layout.n_bow + 2 if layout.n_bow else 0):
                 scores[:, place[f"bow_{axis}{k}"]] = by * self._legendre[:, k]
 
-    def parts(self) -> list[Evaluate]:
-        """`evaluate` over consecutive blocks of the points, small enough for the processor's cache."""
+    def sums(self, theta: FloatArray, asked: int = INFORMATION) -> Summed:
+        """The log likelihood, its slope and the outer products of its scores, over all points; -inf where the dimensions make no section."""
+        layout = self.layout
+        if layout.family in ROUND:
+            return self._round_sums(theta, asked)
+        curve = (int(layout.tilt), layout.n_bow, layout.n_twist)
+        base, rows = self._faces
+        theta = np.ascontiguousarray(theta, float)
+        return straight_sums(
+            self.xy, self._legendre, theta, curve, base, rows, *edges_of(layout.family), kernel_parts(self.noise), self.area_m2, asked
+        )
+
+    def levels(self, thetas: FloatArray) -> FloatArray:
+        """(g,) log likelihoods at each of (g, q) thetas of a straight member with all its faces."""
+        if self.layout.family in ROUND:
+            return np.array([self.sums(theta, VALUE)[0] for theta in thetas])
+        return straight_levels(self.xy, np.ascontiguousarray(thetas, float), *edges_of(self.layout.family), kernel_parts(self.noise), self.area_m2)
+
+    @functools.cached_property
+    def _faces(self) -> tuple[FloatArray, IntArray]:
+        """(f,) weights of the faces where they are not free, and the rows of those that are."""
+        base = np.ones(len(faces(self.layout.family))) if self.face_weight is None else np.array(self.face_weight, float)
+        return base, np.array(self._free_rows, np.int64)
+
+    def _round_sums(self, theta: FloatArray, asked: int) -> Summed:
+        """As `sums`, in blocks small enough for the processor's cache."""
+        q = len(theta)
+        total, gradient, information = 0.0, np.zeros(q), np.zeros((q, q))
+        for part in self._blocks:
+            logp, scores = part.evaluate(theta)
+            total += float(logp.sum())
+            if not math.isfinite(total):
+                break
+            gradient += scores.sum(0) if asked > VALUE else 0.0
+            information += scores.T @ scores if asked == INFORMATION else 0.0
+        return total, gradient, information
+
+    @functools.cached_property
+    def _blocks(self) -> list[SectionModel]:
         if len(self.xy) <= 2 * _BLOCK:
-            return [self.evaluate]
-        return [replace(self, xy=self.xy[i : i + _BLOCK], zeta=self.zeta[i : i + _BLOCK]).evaluate for i in range(0, len(self.xy), _BLOCK)]
+            return [self]
+        return [replace(self, xy=self.xy[i : i + _BLOCK], zeta=self.zeta[i : i + _BLOCK]) for i in range(0, len(self.xy), _BLOCK)]
 
     def own_probability(self, theta: FloatArray) -> FloatArray:
         """(n,) probability of each point to be of the section rather than stray."""

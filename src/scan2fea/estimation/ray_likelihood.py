@@ -23,7 +23,7 @@ from scan2fea.estimation.ray_data import FULL_OPENING, RayData, outline_box, pre
 from scan2fea.estimation.ray_model import LOG_FOOT_PRIOR, LOGIT_PRIOR, NUISANCE, WALLS, RayLayout, RayModel
 from scan2fea.estimation.ray_pose import canonical_member
 from scan2fea.estimation.rays_of_member import inside_outline
-from scan2fea.estimation.scoring import Scored, maximise
+from scan2fea.estimation.scoring import Scored, maximise, summed
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.sections import section
 from scan2fea.kernel.transforms import applied, compose, inverse, rigid, rotation_about
@@ -175,7 +175,7 @@ def _fitted(
     fixed = {**{name: float(theta[layout.place[name]]) for name in still}, **held}
     lower, upper = layout.bounds(theta, data.size, data.footprint_known, fixed)
     return maximise(
-        RayModel(layout, data, least_m).evaluate,
+        summed(RayModel(layout, data, least_m).evaluate),
         theta,
         scale=layout.scale(data.size),
         lower=lower,

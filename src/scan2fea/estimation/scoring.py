@@ -6,15 +6,17 @@ in units of `scale`, shortens the step wherever the likelihood would fall: it ne
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from scan2fea.types import BoolArray, FloatArray, Value
+from scan2fea.kernel.jit import jit
+from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
-Evaluate = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-Parts = Evaluate | Sequence[Evaluate]  # several: each looks at its own points, and their sums are the whole (less memory for many points)
+Evaluate = Callable[[FloatArray], tuple[FloatArray, FloatArray]]  # theta -> log p (n,) and scores (n, p)
+Summed = tuple[float, FloatArray, FloatArray]  # log likelihood, its slope (p,) and the outer products of the scores (p, p), over all points
+Sums = Callable[[FloatArray], Summed]
 Prior = tuple[FloatArray, FloatArray]  # mean and standard deviation of each unknown; inf where nothing is known
 
 _FIRST_DAMPING = 1e-3
@@ -39,8 +41,25 @@ class Scored(Value):
     converged: bool
 
 
+def summed(*parts: Evaluate) -> Sums:
+    """The sums of point by point likelihoods; each part looks at its own points (less memory for many)."""
+
+    def sums(theta: FloatArray) -> Summed:
+        total, gradient, information = 0.0, np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
+        for part in parts:
+            logp, scores = part(theta)
+            total += float(np.sum(logp))
+            if not np.isfinite(total):
+                break
+            gradient += scores.sum(0)
+            information += scores.T @ scores
+        return total, gradient, information
+
+    return sums
+
+
 def maximise(
-    evaluate: Parts,
+    sums: Sums,
     start: FloatArray,
     *,
     scale: FloatArray,
@@ -53,14 +72,14 @@ def maximise(
 ) -> Scored:
     """The unknowns that make the points likeliest, from `start`, within [lower, upper].
 
-    evaluate(theta) -> (logp (n,), scores (n, p)), or several such; a log of -inf or nan marks an impossible theta.
+    sums : what a model's points add up to at theta; a log likelihood of -inf or nan marks an impossible theta.
     scale : (p,) size of a small change of each unknown.
     tolerance : ends when the next step promises less than this in log likelihood (1e-5: a step of 0.4 % of a standard deviation).
     least_gain : also ends when two steps in a row gain less than this (a likelihood with kinks never promises nothing).
     The value at `start` must be finite, else the start itself comes back, not converged.
     """
     theta = np.clip(start, lower, upper)
-    here = _Point.at(evaluate, theta, prior)
+    here = _Point.at(sums, theta, prior)
     damping, stretch = _FIRST_DAMPING, 1.0
     n_small = 0
     for iteration in range(max_iterations):
@@ -76,7 +95,7 @@ def maximise(
         accepted = False
         for _ in range(_MAX_TRIES):
             trial = np.clip(theta + stretch * _step(here, free, scale, damping), lower, upper)
-            there = _Point.at(evaluate, trial, prior)
+            there = _Point.at(sums, trial, prior)
             if np.isfinite(there.value) and there.value > here.value:
                 accepted = True
                 break
@@ -103,15 +122,8 @@ class _Point:
     information: FloatArray
 
     @classmethod
-    def at(cls, evaluate: Parts, theta: FloatArray, prior: Prior | None) -> _Point:
-        likelihood, gradient, information = 0.0, np.zeros(len(theta)), np.zeros((len(theta), len(theta)))
-        for part in [evaluate] if callable(evaluate) else evaluate:
-            logp, scores = part(theta)
-            likelihood += float(np.sum(logp))
-            if not np.isfinite(likelihood):
-                break
-            gradient += scores.sum(0)
-            information += scores.T @ scores
+    def at(cls, sums: Sums, theta: FloatArray, prior: Prior | None) -> _Point:
+        likelihood, gradient, information = sums(theta)
         value = likelihood
         if prior is not None:
             mean, precision = prior[0], 1 / np.square(prior[1])
@@ -144,9 +156,25 @@ def _free(theta: FloatArray, gradient: FloatArray, lower: FloatArray, upper: Flo
 
 def _step(here: _Point, free: BoolArray, scale: FloatArray, damping: float) -> FloatArray:
     """(J + damping (diag J + 1 / scale^2)) step = gradient over the free unknowns; solved in units of `scale`."""
-    unit = scale[free]
-    matrix = here.information[np.ix_(free, free)] * np.outer(unit, unit)
-    matrix[np.diag_indices_from(matrix)] += damping * (np.diag(matrix) + 1.0) + 1e-12 * (np.trace(matrix) + 1e-300)
-    step = np.zeros(len(free))
-    step[free] = unit * np.linalg.solve(matrix, unit * here.gradient[free])
+    return _solved(here.information, here.gradient, np.flatnonzero(free), scale, damping)
+
+
+@jit
+def _solved(information: FloatArray, gradient: FloatArray, rows: IntArray, scale: FloatArray, damping: float) -> FloatArray:
+    n = len(rows)
+    matrix, right, trace = np.empty((n, n)), np.empty(n), 1e-300
+    for a in range(n):
+        right[a] = scale[rows[a]] * gradient[rows[a]]
+        for b in range(n):
+            matrix[a, b] = information[rows[a], rows[b]] * scale[rows[a]] * scale[rows[b]]
+        trace += matrix[a, a]
+    step = np.zeros(len(scale))
+    if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
+        step[rows] = np.nan
+        return step
+    for a in range(n):
+        matrix[a, a] += damping * (matrix[a, a] + 1.0) + 1e-12 * trace
+    found = np.linalg.solve(matrix, right)
+    for a in range(n):
+        step[rows[a]] = scale[rows[a]] * found[a]
     return step

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scan2fea.estimation.scoring import Evaluate, Prior
+from scan2fea.estimation.scoring import Prior, Sums
 from scan2fea.types import BoolArray, FloatArray, Value
 
 _BLIND = 1e-9  # eigenvalue, in units of the diagonal, below which a direction is not told by the data
@@ -49,20 +49,19 @@ def covariance_of(information: FloatArray, free: BoolArray) -> tuple[FloatArray,
 
 
 def uncertainty(
-    evaluate: Evaluate, theta: FloatArray, free: BoolArray, prior: Prior | None = None, *, weight: float = 1.0, sandwich: bool = True
+    sums: Sums, theta: FloatArray, free: BoolArray, prior: Prior | None = None, *, weight: float = 1.0, sandwich: bool = True
 ) -> Uncertainty:
     """Covariance of the maximum-likelihood estimate theta.
 
-    evaluate : as for `scoring.maximise`.   weight : real points per point of `evaluate`, where it looks at a subsample.
+    sums : as for `scoring.maximise`.   weight : real points per point of `sums`, where it looks at a subsample.
     """
-    _, scores = evaluate(theta)
     precision = np.zeros(len(theta)) if prior is None else 1 / np.square(prior[1])
-    outer = scores.T @ scores * weight
+    outer = sums(theta)[2] * weight
     covariance, told, rank = covariance_of(outer + np.diag(precision), free)
     misfit = np.ones(len(theta))
     rows = np.flatnonzero(told)
     if sandwich and len(rows):
-        curvature = _curvature(evaluate, theta, np.sqrt(np.diag(covariance)), rows) * weight + np.diag(precision[rows])
+        curvature = _curvature(sums, theta, np.sqrt(np.diag(covariance)), rows) * weight + np.diag(precision[rows])
         inner = _sandwiched(curvature, (outer + np.diag(precision))[np.ix_(rows, rows)])
         if inner is not None:
             sd = np.sqrt(np.diag(covariance)[rows])
@@ -75,14 +74,14 @@ def uncertainty(
     return Uncertainty(covariance=covariance, told=told, rank=rank, misfit=misfit)
 
 
-def _curvature(evaluate: Evaluate, theta: FloatArray, sd: FloatArray, rows: np.ndarray) -> FloatArray:
+def _curvature(sums: Sums, theta: FloatArray, sd: FloatArray, rows: np.ndarray) -> FloatArray:
     """(k, k) minus the second derivatives of the log likelihood by the given unknowns: central differences of the exact score."""
     columns = []
     for row in rows:
         step = np.zeros(len(theta))
         step[row] = _STEP_SD * sd[row]
         with np.errstate(all="ignore"):  # an unknown that the data hardly tell is moved so far that its likelihood overflows
-            ahead, behind = evaluate(theta + step)[1].sum(0), evaluate(theta - step)[1].sum(0)
+            ahead, behind = sums(theta + step)[1], sums(theta - step)[1]
             columns.append(-(ahead - behind)[rows] / (2 * step[row]))
     matrix = np.stack(columns)
     return np.asarray((matrix + matrix.T) / 2)

@@ -17,6 +17,7 @@ from scan2fea.errors import EstimationError, UsageError, require
 from scan2fea.estimation.face_weights import face_densities
 from scan2fea.estimation.likelihood import SectionModel
 from scan2fea.estimation.rays_of_member import inside_outline
+from scan2fea.kernel.jit import jit
 from scan2fea.kernel.section_likelihood import face_lengths, faces
 from scan2fea.kernel.sections import PARAMETERS, ROUND, section
 from scan2fea.types import BoolArray, FloatArray, Value
@@ -61,23 +62,30 @@ def seen_shares(family: str, values: Mapping[str, float], sensors: FloatArray) -
     return shares
 
 
+@jit
 def _sees(sensor: FloatArray, places: FloatArray, normal: FloatArray, start: FloatArray, edge: FloatArray) -> BoolArray:
     """(e, s) True where a place on an edge is in the sensor's sight: it looks at the sensor, and no other edge crosses the line between them."""
-    to = sensor - places
-    distance = np.linalg.norm(to, axis=2)
-    facing = np.einsum("esc,ec->es", to, normal) > FLAT * distance
-    seen: BoolArray = facing.copy()
-    rows, columns = np.nonzero(facing)
-    p, d = places[rows, columns], to[rows, columns]
-    cross = d[:, None, 0] * edge[None, :, 1] - d[:, None, 1] * edge[None, :, 0]
-    w = start[None] - p[:, None]
-    safe = np.where(cross == 0, 1.0, cross)
-    t = (w[..., 0] * edge[None, :, 1] - w[..., 1] * edge[None, :, 0]) / safe
-    k = (w[..., 0] * d[:, None, 1] - w[..., 1] * d[:, None, 0]) / safe
-    other = np.arange(len(start))[None, :] != rows[:, None]
-    hidden = ((cross != 0) & (t > 0) & (t < 1) & (k >= 0) & (k <= 1) & other).any(axis=1)
-    seen[rows[hidden], columns[hidden]] = False
-    return np.asarray(seen, bool)
+    n_edges, n_places = places.shape[0], places.shape[1]
+    seen = np.zeros((n_edges, n_places), np.bool_)
+    for e in range(n_edges):
+        for i in range(n_places):
+            px, py = places[e, i, 0], places[e, i, 1]
+            dx, dy = sensor[0] - px, sensor[1] - py
+            if not dx * normal[e, 0] + dy * normal[e, 1] > FLAT * math.sqrt(dx * dx + dy * dy):
+                continue
+            is_seen = True
+            for other in range(n_edges):
+                cross = dx * edge[other, 1] - dy * edge[other, 0]
+                if other == e or cross == 0:
+                    continue
+                wx, wy = start[other, 0] - px, start[other, 1] - py
+                t = (wx * edge[other, 1] - wy * edge[other, 0]) / cross
+                k = (wx * dy - wy * dx) / cross
+                if 0 < t < 1 and 0 <= k <= 1:
+                    is_seen = False
+                    break
+            seen[e, i] = is_seen
+    return seen
 
 
 def visible_sets(family: str, values: Mapping[str, float], sensors: FloatArray | None = None) -> tuple[tuple[str, ...], ...]:

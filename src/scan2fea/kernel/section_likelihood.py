@@ -83,6 +83,12 @@ def _typical(family: str) -> FloatArray:
     return np.array([0.1 if name.startswith("t") else 1.0 for name in PARAMETERS[family]])
 
 
+def edges_of(family: str) -> tuple[FloatArray, FloatArray, IntArray]:
+    """(k, p) factors of the lines of x, those of the lines of y, and (e, 4) per edge: axis (0: a line of x), line, from, to."""
+    outline = _outline(family)
+    return outline.x, outline.y, outline.edges
+
+
 def lines_of(family: str) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
     """Per face of a straight family: the axis (0: the face lies on a line of x), and the factors (f, p) of the line and of the face's two ends."""
     outline = _outline(family)

@@ -81,7 +81,7 @@ def starts(points: FloatArray, families: Sequence[str], z_range: tuple[float, fl
 
 
 def _apart(ordered: FloatArray, layout: Layout, size: float) -> list[FloatArray]:
-    """Of guesses (g, q), likeliest first, those that differ from every likelier one kept: in a length by 0.15 of the size, in the roll by 15 degrees."""
+    """Of guesses (g, q), likeliest first, those that differ from every likelier one: in a length by 0.15 of the size, in the roll by 15 degrees."""
     unit = np.full(len(layout.names) - 2, 0.15 * size)
     if "roll" in layout.place:
         unit[layout.place["roll"]] = math.radians(15)

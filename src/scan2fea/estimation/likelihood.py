@@ -36,9 +36,9 @@ class Layout:
     """Names and places of the unknowns of a section fit, always in this order:
 
     the dimensions of the family; roll (rad, of the section's x from the member's x; absent for circles), cx, cy (m, the section's origin);
-    log_sigma; logit_outliers; then, where asked for, tilt_x, tilt_y (m at the ends), bow_x2, bow_y2, bow_x3 ... (m), twist1 ... (rad), all
-    factors of Legendre polynomials of that degree in zeta = -1 .. 1 along the member (no twist of circles); weight_FACE (log of points per metre of a face against the
-    faces whose weight is not free).
+    log_sigma; logit_outliers; then, where asked for, tilt_x, tilt_y (m at the ends), bow_x2, bow_y2, bow_x3 ... (m), twist1 ... (rad; none of
+    circles), all factors of Legendre polynomials of that degree in zeta = -1 .. 1 along the member; weight_FACE (log of points per metre of a
+    face against the faces whose weight is not free).
     """
 
     family: str

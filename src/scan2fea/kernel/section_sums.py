@@ -72,25 +72,26 @@ def straight_sums(
             continue
         own = (1 - eps) * p / level
         gx, gy = _by_dimensions(row, by_line, own / p if p > _TINY else 0.0, own, by_length, x_factors, y_factors)
-        by_size = -2.0 * own - x * gx - y * gy  # p has the degree -2 in points, dimensions and sigma together (Euler)
-        for m in range(n_values):
-            by_size -= row[m] * theta[m]
-        row[n_values + 3] = by_size
+        row[n_values + 3] = _by_size(row, theta, n_values, -2.0 * own - x * gx - y * gy)
         row[n_values + 4] = (1 - eps) - own
         _by_place(row, basis, n_values, n_curve, i, x, y, c, s, gx, gy)
         for m in range(len(free_rows)):
             row[q - len(free_rows) + m] = (own / p if p > _TINY else 0.0) * by_face[free_rows[m]] - own * length_share[free_rows[m]]
-        for a in range(q):
-            gradient[a] += row[a]
-        if asked == INFORMATION:
-            for a in range(q):
-                ra = row[a]
-                for b in range(a + 1):
-                    information[a, b] += ra * row[b]
+        _add(row, gradient, information, asked)
     for a in range(q):
         for b in range(a):
             information[b, a] = information[a, b]
     return total, gradient, information
+
+
+@jit_ieee
+def _add(row: FloatArray, gradient: FloatArray, information: FloatArray, asked: int) -> None:
+    """Adds one point's scores, and the lower half of their products."""
+    for a in range(len(row)):
+        gradient[a] += row[a]
+        if asked == INFORMATION:
+            for b in range(a + 1):
+                information[a, b] += row[a] * row[b]
 
 
 @jit_ieee
@@ -236,6 +237,14 @@ def _by_dimensions(
             for m in range(n_values):
                 row[m] += g * y_factors[k - n_x, m]
     return gx, gy
+
+
+@jit_ieee
+def _by_size(row: FloatArray, theta: FloatArray, n_values: int, rest: float) -> float:
+    """The score by log sigma: p has the degree -2 in point, dimensions and sigma together (Euler)."""
+    for m in range(n_values):
+        rest -= row[m] * theta[m]
+    return rest
 
 
 @jit_ieee

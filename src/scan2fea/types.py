@@ -341,18 +341,42 @@ class Material(Value):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FEModel(Value):
-    """A mesh with a material, a support and loads.
+class Load(Value):
+    """One load on a set. kind : "force" (N, spread evenly over the surface), "moment" (Nm, about the surface's centroid), "pressure" (Pa, vector[0],
+    pressing inward), "gravity" (m/s2, on the whole body).   vector : (3,).
+    """
 
-    node_sets : name -> (k,) int64 node numbers from 0.   support : name of the node set held in x, y and z.
-    acceleration_m_s2 : (3,) of the self weight.
+    set_name: str
+    kind: str
+    vector: FloatArray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LoadCase(Value):
+    """Loads that act together."""
+
+    name: str
+    loads: tuple[Load, ...]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FEModel(Value):
+    """A mesh with a material, supports and loads.
+
+    node_sets : name -> (k,) int64 node numbers from 0.   surfaces : name -> (k,) rows of mesh.boundary.   supports : name of a node set -> the
+    directions in which it is held, of "xyz".   acceleration_m_s2 : (3,) of the self weight, the first case.   cases : those that the user asks for
+    besides; is_floating: in these nothing is held, loads are balanced by inertia.   failed : case -> why it cannot be solved.
     """
 
     mesh: TetMesh
     material: Material
     node_sets: Mapping[str, IntArray]
-    support: str
+    supports: Mapping[str, str]
     acceleration_m_s2: FloatArray
+    surfaces: Mapping[str, IntArray] = dataclasses.field(default_factory=dict)
+    cases: tuple[LoadCase, ...] = ()
+    is_floating: bool = False
+    failed: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -369,21 +393,49 @@ class CaseResult(Value):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class CaseField(Value):
+    """One static case. displacement_m : (n, 3).   von_mises_pa : (n,) averaged at the nodes.   reaction_n, applied_n : (3,).   load_n : sum of the
+    sizes of all nodal forces, which a torque has too.
+    """
+
+    name: str
+    displacement_m: FloatArray
+    von_mises_pa: FloatArray
+    reaction_n: FloatArray
+    applied_n: FloatArray
+    load_n: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FEResult(Value):
     """What the solver found.
 
-    displacement_m : (n, 3) of the self-weight case.   mode_shapes : (k, n, 3), scaled to a largest displacement of 1.
-    frequencies_hz : (6 + k,) the rigid-body modes first, as computed.   reaction_n : (3,).   applied_n : (3,).
+    fields : the static cases, the first is the self weight.   mode_shapes : (k, n, 3), scaled to a largest displacement of 1.
+    frequencies_hz : (6 + k,) the rigid-body modes first, as computed.   singular : (s,) nodes at which the true stress has no limit.
+    failed : case -> why it has no result.
     """
 
     cases: tuple[CaseResult, ...]
-    displacement_m: FloatArray
+    fields: tuple[CaseField, ...]
     mode_shapes: FloatArray
     frequencies_hz: FloatArray
-    reaction_n: FloatArray
-    applied_n: FloatArray
     n_dof: int
     solver: str
+    singular: IntArray = dataclasses.field(default_factory=lambda: np.zeros(0, np.int64))
+    failed: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+    @property
+    def displacement_m(self) -> FloatArray:
+        """(n, 3) of the self weight."""
+        return self.fields[0].displacement_m
+
+    @property
+    def reaction_n(self) -> FloatArray:
+        return self.fields[0].reaction_n
+
+    @property
+    def applied_n(self) -> FloatArray:
+        return self.fields[0].applied_n
 
 
 @dataclass(frozen=True, kw_only=True)

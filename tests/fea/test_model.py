@@ -27,13 +27,13 @@ def renamed(mesh, names=None, tag=None, nodes=None):
 
 
 def held(model):
-    return model.mesh.nodes[model.node_sets[model.support]]
+    return model.mesh.nodes[model.node_sets[next(iter(model.supports))]]
 
 
 def test_box_stands_on_its_bottom():
     mesh = bar((1, 2, 3), (2, 3, 4))
     model = build_model(mesh)
-    assert model.support == "LOWEST"
+    assert model.supports == {"LOWEST": "xyz"}
     assert (held(model)[:, 2] == 0).all() and len(held(model)) == 5 * 7
     assert (model.acceleration_m_s2 == [0, 0, -9.80665]).all()
     assert (model.node_sets["ALL"] == np.arange(len(mesh.nodes))).all()

@@ -50,10 +50,19 @@ VALUES = [
         seen={"A_OUTER": 1.0}, families={"L": 1.0},
     ),
     STEEL,
-    types.FEModel(mesh=TETS, material=STEEL, node_sets={"base": np.array([0, 1])}, support="base", acceleration_m_s2=np.array([0, 0, -9.81])),
+    types.FEModel(
+        mesh=TETS, material=STEEL, node_sets={"base": np.array([0, 1])}, supports={"base": "xyz"}, acceleration_m_s2=np.array([0, 0, -9.81]),
+        surfaces={"top": np.array([0])}, is_floating=True, failed={"wind": "no set"},
+        cases=(types.LoadCase(name="push", loads=(types.Load(set_name="top", kind="force", vector=np.ones(3)),)),),
+    ),
     types.FEResult(
-        cases=(types.CaseResult(name="w", measure="u", unit="m", value=1e-9),), displacement_m=np.zeros((4, 3)), mode_shapes=np.zeros((1, 4, 3)),
-        frequencies_hz=np.arange(7.0), reaction_n=np.zeros(3), applied_n=np.zeros(3), n_dof=12, solver="direct",
+        cases=(types.CaseResult(name="w", measure="u", unit="m", value=1e-9),), mode_shapes=np.zeros((1, 4, 3)), frequencies_hz=np.arange(7.0),
+        n_dof=12, solver="direct",
+        fields=(
+            types.CaseField(
+                name="w", displacement_m=np.zeros((4, 3)), von_mises_pa=np.zeros(4), reaction_n=np.zeros(3), applied_n=np.zeros(3), load_n=1.0
+            ),
+        ),
     ),
     types.Check(name="closed", value=True, limit=None, unit="", passed=True),
     types.Route(name="reconstruction", reason="déjà vu"),
@@ -77,7 +86,7 @@ def same(a, b):
 
 def test_every_type_of_types_is_tested():
     declared = {v for v in vars(types).values() if isinstance(v, type) and dataclasses.is_dataclass(v)}
-    assert declared <= {type(v) for v in VALUES} | {types.CaseResult}
+    assert declared <= {type(v) for v in VALUES} | {types.CaseResult, types.CaseField, types.Load, types.LoadCase}
 
 
 @pytest.mark.parametrize("value", VALUES, ids=lambda v: type(v).__name__)

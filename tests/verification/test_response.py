@@ -5,8 +5,9 @@ import pytest
 
 from fea.bars import bar, tagged
 from scan2fea.fea import FeaOptions, build_model, solve
+from scan2fea.types import CaseResult
 from scan2fea.verification.limits import limits
-from scan2fea.verification.response import response_checks
+from scan2fea.verification.response import MEMBER_CHECKS, response_checks
 
 
 @pytest.fixture(scope="module")
@@ -27,14 +28,31 @@ def with_case(result, measure, **changes):
 def test_a_sound_answer_passes_and_every_limit_is_used(solved):
     checks = response_checks(*solved)
     assert all(c.passed for c in checks)
-    assert {c.name for c in checks} == {name for name in limits() if name.startswith("response.")}
+    of_members = {name for name, *_ in MEMBER_CHECKS}
+    assert {c.name for c in checks} == {name for name in limits() if name.startswith("response.")} - of_members
+    assert of_members < set(limits())
+
+
+def of_first(result, **changes):
+    return dataclasses.replace(result, fields=(dataclasses.replace(result.fields[0], **changes), *result.fields[1:]))
+
+
+@pytest.mark.parametrize(("name", "cases", "measures"), MEMBER_CHECKS)
+def test_a_member_that_leaves_beam_theory_fails(solved, name, cases, measures):
+    model, result = solved
+    limit = limits()[name]["limit"]
+    for factor, passes in ((0.99, True), (1.01, False)):
+        kept = tuple(c for c in result.cases if (c.name, c.measure) != (cases[-1], measures[-1]))
+        row = CaseResult(name=cases[-1], measure=measures[-1], unit="m", value=1.0, expected=1.0, relative_error=limit * factor)
+        off = dataclasses.replace(result, cases=(*kept, row))
+        assert (name not in failed(model, off)) == passes
 
 
 @pytest.mark.parametrize(("factor", "fails"), [(0.99, False), (1.01, True)])
 def test_on_the_limit(solved, factor, fails):
     model, result = solved
     limit = limits()["response.reaction"]["limit"]
-    off = dataclasses.replace(result, reaction_n=-result.applied_n * (1 + limit * factor))
+    off = of_first(result, reaction_n=-result.applied_n - limit * factor * result.fields[0].load_n * np.array([0, 0, 1.0]))
     assert ("response.reaction" in failed(model, off)) == fails
     limit = limits()["response.energy"]["limit"]
     assert ("response.energy" in failed(model, with_case(result, "strain_energy_j", relative_error=limit * factor))) == fails
@@ -44,7 +62,7 @@ def test_on_the_limit(solved, factor, fails):
     f[5] = limits()["response.rigid_modes"]["limit"] * f[6] * factor
     assert ("response.rigid_modes" in failed(model, dataclasses.replace(result, frequencies_hz=f))) == fails
     u = result.displacement_m / np.linalg.norm(result.displacement_m, axis=1).max() * 0.1 * factor  # the bar is 1 m long
-    assert ("response.displacement" in failed(model, dataclasses.replace(result, displacement_m=u))) == fails
+    assert ("response.displacement" in failed(model, of_first(result, displacement_m=u))) == fails
 
 
 def test_a_negative_rigid_mode_counts_by_its_size(solved):
@@ -63,9 +81,8 @@ def test_two_pieces_do_not_pass():
 
 def test_what_is_missing_or_not_a_number_fails(solved):
     model, result = solved
-    empty = dataclasses.replace(
-        result, cases=(), frequencies_hz=np.zeros(0), displacement_m=np.full_like(result.displacement_m, np.nan), applied_n=np.zeros(3)
-    )
+    empty = of_first(result, displacement_m=np.full_like(result.displacement_m, np.nan), applied_n=np.zeros(3), load_n=0.0)
+    empty = dataclasses.replace(empty, cases=(), frequencies_hz=np.zeros(0))
     assert failed(model, empty) == {c.name for c in response_checks(model, result)}
 
 

@@ -8,9 +8,12 @@ import numpy as np
 
 import scan2fea
 from scan2fea.errors import InternalError, require
+from scan2fea.fea.assemble import assemble
 from scan2fea.fea.elements import FACES
-from scan2fea.fea.model import ALL, LOWEST, face_sets
-from scan2fea.types import FEModel, FloatArray, IntArray, TetMesh
+from scan2fea.fea.loads import gravity_of, nodal_forces, surface_forces
+from scan2fea.fea.model import ALL, face_sets
+from scan2fea.fea.restrain import inertia_balanced, three_points
+from scan2fea.types import FEModel, FloatArray, IntArray, LoadCase, TetMesh
 from scan2fea.units import UNIT_SYSTEMS, UnitSystem
 
 BODY, MATERIAL = "BODY", "MATERIAL"
@@ -49,7 +52,7 @@ def header(model: FEModel, units: UnitSystem, comment: str, lines: Iterable[str]
         f"units: {units.name} ({base})",
         f"{len(mesh.nodes)} nodes, {len(mesh.tets)} tetrahedra of order {mesh.order}",
         f"material: {material.name}; {material.source}",
-        f"support: node set {model.support} is held in x, y and z; load: self weight",
+        f"supports: {', '.join(f'{name} held in {directions}' for name, directions in model.supports.items())}; load of the first step: self weight",
         *lines,
     ]
     return [f"{comment} {line}" for line in told]
@@ -83,8 +86,34 @@ def _direction(acceleration: FloatArray) -> tuple[float, FloatArray]:
     return size, acceleration / size if size else np.array([0.0, 0.0, -1.0])
 
 
+def _case_lines(model: FEModel, case: LoadCase, number: int, units: UnitSystem) -> list[str]:
+    """A step of the user's: its loads are spread over faces, and stand here as the forces at the nodes that this means."""
+    told = "; ".join(f"{load.kind} {' '.join(f'{v:g}' for v in load.vector.tolist())} on {load.set_name}" for load in case.loads)
+    lines = [f"** step {number}: {case.name}: {told} (SI)", "*STEP", "*STATIC"]
+    force = surface_forces(model, case)
+    if model.is_floating:
+        system = assemble(model.mesh, model.material)
+        force = inertia_balanced(np.asarray(model.mesh.nodes), system, nodal_forces(model, system, case))
+        lines += ["** nothing holds the part: its inertia balances the loads, three nodes fix its place", "*BOUNDARY, OP=NEW"]
+        lines += [f"{node + 1}, {axis + 1}, {axis + 1}" for node, axis in np.argwhere(three_points(np.asarray(model.mesh.nodes))).tolist()]
+    lines.append("*DLOAD, OP=NEW")
+    size, direction = _direction(gravity_of(case))
+    if size and not model.is_floating:
+        dx, dy, dz = direction.tolist()
+        lines.append(f"{BODY}, GRAV, {size * units.acceleration:.10e}, {dx:.10g}, {dy:.10g}, {dz:.10g}")
+    rows, axes = np.nonzero(force)
+    lines.append("*CLOAD, OP=NEW")
+    lines += [f"{n + 1}, {a + 1}, {force[n, a] * units.force:.10e}" for n, a in zip(rows.tolist(), axes.tolist(), strict=True)]
+    return [*lines, "*NODE FILE", "U", "*EL FILE", "S", "*END STEP"]
+
+
+def _axes(directions: str) -> list[int]:
+    """1, 2, 3 of the directions; of all of them the first alone, which stands for the range."""
+    return [1] if directions == "xyz" else ["xyz".index(d) + 1 for d in directions]
+
+
 def write_inp(model: FEModel, units: UnitSystem = UNIT_SYSTEMS["m-N-Pa"], lines: Iterable[str] = (), n_modes: int = 4) -> str:
-    """The deck as text: mesh, sets, material, support, self weight (step 1), supported modes (step 2).
+    """The deck as text: mesh, sets, material, supports, self weight (step 1), the user's cases, supported modes (last step).
 
     lines : further comment lines. Names are at most 80 characters, entries at most 20 (CalculiX reads no more), C3D10 in the order of
     `TetMesh`. The same model gives the same text. Raises InternalError where the boundary is not that of the elements.
@@ -103,7 +132,7 @@ def write_inp(model: FEModel, units: UnitSystem = UNIT_SYSTEMS["m-N-Pa"], lines:
         f"{material.density_kg_m3 * units.density:.10e}",
         f"*SOLID SECTION, ELSET={BODY}, MATERIAL={MATERIAL}",
         "*BOUNDARY",
-        f"{model.support}, 1, 3",
+        *(f"{name}, {a}, {a}" if d != "xyz" else f"{name}, 1, 3" for name, d in model.supports.items() for a in _axes(d)),
         "** step 1: self weight",
         "*STEP",
         "*STATIC",
@@ -113,10 +142,14 @@ def write_inp(model: FEModel, units: UnitSystem = UNIT_SYSTEMS["m-N-Pa"], lines:
         "U",
         "*EL FILE",
         "S",
-        f"*NODE PRINT, NSET={LOWEST if LOWEST in model.node_sets else model.support}, TOTALS=ONLY",
+        f"*NODE PRINT, NSET={next(iter(model.supports))}, TOTALS=ONLY",
         "RF",
         "*END STEP",
-        "** step 2: modes of the supported part",
+    ]
+    for number, case in enumerate(model.cases, start=2):
+        text += _case_lines(model, case, number, units)
+    text += [
+        f"** step {len(model.cases) + 2}: modes of the supported part",
         "*STEP",
         "*FREQUENCY",
         f"{n_modes}",

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from scan2fea.errors import SolveError
+from scan2fea.errors import SolveError, require
 from scan2fea.fea.amg import Multigrid
 from scan2fea.fea.assemble import System
 from scan2fea.fea.cholesky import Cholesky
-from scan2fea.fea.dissection import Tree
+from scan2fea.fea.dissection import Tree, without
 from scan2fea.fea.options import FeaOptions
-from scan2fea.types import BoolArray, FloatArray
+from scan2fea.fea.restrain import restrained
+from scan2fea.types import BoolArray, FloatArray, Value
 from scan2fea.units import BYTES_PER_MIB
 
 MAX_ITERATIONS = 600
-TOLERANCE = 1e-10  # in the energy norm; thin parts end above it, where rounding of the displacement itself is felt
-RESTARTS = 4  # each takes the residual anew: iterative refinement
+TOLERANCE = 1e-10  # in the energy norm
+RESTARTS = 6  # each takes the residual anew from the strains: iterative refinement (Wilkinson 1963)
+
+
+Product = Callable[[FloatArray], FloatArray]
 
 
 class Inverse(Protocol):
@@ -48,22 +53,28 @@ def inverses(
 
 
 def conjugate_gradients(
-    matrix: Callable[[FloatArray], FloatArray], inverse: Inverse, right: FloatArray, tolerance: float
+    matrix: Callable[[FloatArray], FloatArray],
+    inverse: Inverse,
+    right: FloatArray,
+    tolerance: float,
+    exact: Callable[[FloatArray], FloatArray] | None = None,
 ) -> tuple[FloatArray, float, int]:
     """(x, relative error in the energy norm, iterations) of matrix x = right, both (n, 3), preconditioned.
 
-    The error is sqrt(r' B r / b' x) with the inverse B and r computed from the right side again, not taken from the recurrence. It
-    bounds displacement and energy of thin parts too, where the plain residual cannot fall below rounding times the condition number.
+    exact : the same product with more digits, for the residuals from which each restart begins. The error is sqrt(r' B r / b' x) with the inverse B
+    and r computed from the right side again, not taken from the recurrence. It bounds displacement and energy of thin parts too, where the plain
+    residual cannot fall below rounding times the condition number.
     """
+    exact = exact or matrix
     x = np.zeros_like(right)
     if not right.any():
         return x, 0.0, 0
     error, count = np.inf, 0
     for _ in range(RESTARTS):
-        residual = right - matrix(x)
+        residual = right - exact(x)
         step, more = _descend(matrix, inverse, residual, float(np.vdot(right, x)), tolerance)
         x, count = x + step, count + more
-        residual = right - matrix(x)
+        residual = right - exact(x)
         energy, left = float(np.vdot(right, x)), float(np.vdot(residual, inverse.apply(residual[:, :, None])[:, :, 0]))
         before, error = error, math.sqrt(abs(left / energy)) if energy > 0 and math.isfinite(left) else math.inf
         if not tolerance < error < before:
@@ -93,27 +104,67 @@ def _descend(
     return x, count
 
 
-def solve_static(
-    system: System, tree: Tree | None, rigid: FloatArray, held: BoolArray, force: FloatArray, options: FeaOptions
-) -> tuple[FloatArray, float, str]:
-    """(displacement (n, 3), relative error in the energy norm, name of the solver) under `force` (n, 3) with the `held` nodes fixed.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Static(Value):
+    """displacement : (n, 3).   residual : relative error in the energy norm.   solver : how it was found."""
 
-    Raises SolveError where no solver reaches `max_residual`; it says what each of them reached.
-    """
-    stiffness = system.stiffness_matrix()
-    free = (~held)[:, None].astype(float)
+    displacement: FloatArray
+    residual: float
+    solver: str
 
-    def product(x: FloatArray) -> FloatArray:
-        return np.asarray((stiffness @ x.ravel()).reshape(-1, 3) * free)
 
-    tried = []
-    for name, make in inverses(system, tree, rigid, held, 0.0, options):
-        try:
-            x, residual, count = conjugate_gradients(product, make(), force * free, TOLERANCE)
-        except SolveError as error:
-            tried.append(f"{name}: {error}")
-            continue
-        if residual <= options.max_residual:
-            return x, residual, f"{name}, {count} iterations"
-        tried.append(f"{name}: error {residual:.1e} after {count} iterations")
-    raise SolveError(f"self weight, {3 * len(held)} dof: error above {options.max_residual:g}: {'; '.join(tried) or 'no solver fits'}")
+class StaticSolver:
+    """One set of held unknowns (n, 3), any number of loads: the inverse is made once, the next way of making one only where it does not suffice."""
+
+    def __init__(self, system: System, tree: Tree | None, rigid: FloatArray, held: BoolArray, exact: Product, options: FeaOptions) -> None:
+        """`tree`: fronts of all nodes; `exact`: forces from displacements."""
+        whole = np.asarray(held.all(axis=1))
+        inner = restrained(system, held)
+        self._free, self._exact, self._options = (~held).astype(float), exact, options
+        self._stiffness = inner.stiffness_matrix()
+        self._ways = list(inverses(inner, tree and without(tree, whole), rigid, whole, 0.0, options))
+        self._made: list[Inverse | SolveError] = []
+
+    def product(self, x: FloatArray) -> FloatArray:
+        return np.asarray((self._stiffness @ x.ravel()).reshape(-1, 3) * self._free)
+
+    def inverse(self, k: int = 0) -> Inverse:
+        """The k-th best inverse. Raises SolveError where it cannot be made."""
+        require(k < len(self._ways), SolveError, "no solver fits: set fea.solver to auto")
+        while len(self._made) <= k:
+            try:
+                self._made.append(self._ways[len(self._made)][1]())
+            except SolveError as error:
+                self._made.append(error)
+        made = self._made[k]
+        if isinstance(made, SolveError):
+            raise made
+        return _Masked(made, self._free)
+
+    def __call__(self, force: FloatArray, what: str) -> Static:
+        """Under `force` (n, 3). Raises SolveError where no way reaches `max_residual`; it says what each of them reached."""
+        tried, limit = [], self._options.max_residual
+
+        def exact(x: FloatArray) -> FloatArray:
+            return np.asarray(self._exact(x) * self._free)
+
+        for k, (name, _) in enumerate(self._ways):
+            try:
+                x, residual, count = conjugate_gradients(self.product, self.inverse(k), force * self._free, TOLERANCE, exact)
+            except SolveError as error:
+                tried.append(f"{name}: {error}")
+                continue
+            if residual <= limit:
+                return Static(displacement=x, residual=residual, solver=f"{name}, {count} iterations")
+            tried.append(f"{name}: error {residual:.1e} after {count} iterations")
+        raise SolveError(f"{what}, {force.size} dof: error above {limit:g}: {'; '.join(tried) or 'no solver fits: set fea.solver to auto'}")
+
+
+class _Masked:
+    """An inverse whose held unknowns stay zero."""
+
+    def __init__(self, inner: Inverse, free: FloatArray) -> None:
+        self._inner, self._free = inner, free
+
+    def apply(self, right: FloatArray) -> FloatArray:
+        return np.asarray(self._inner.apply(right * self._free[:, :, None]) * self._free[:, :, None])

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 
 import numpy as np
 
 from scan2fea.errors import SolveError, UsageError, require
+from scan2fea.fea.loads import cases_of, parse_loads, parse_supports, supports_of
 from scan2fea.fea.materials import chosen_material
 from scan2fea.fea.options import FeaOptions
 from scan2fea.types import BoolArray, FEModel, FloatArray, IntArray, TetMesh
@@ -17,6 +19,7 @@ MAX_NAME = 80  # CalculiX and Abaqus allow 80 characters
 _DOWN: dict[str, FloatArray] = {sign + name: (1.0 if sign == "+" else -1.0) * np.eye(3)[axis] for sign in "+-" for axis, name in enumerate("xyz")}
 _FLAT = 1 - 1e-6  # a face is plane where its area vector is this share of its area
 _STEEP_DEG = 10.0  # a plane face still carries while it is tilted by less than this
+_WIDEST = 0.3  # of the height: a wider band holds too much of the part to say that it stands on it
 _LEAST_AREA = 0.01  # of the area seen from below: less does not carry but only touches
 
 
@@ -84,29 +87,57 @@ def _footprint(area: FloatArray, down: FloatArray) -> float:
     return float(np.maximum(area @ down, 0.0).sum())
 
 
-def _lowest_band(mesh: TetMesh, down: FloatArray, band: float) -> BoolArray:
-    """(k,) triangles within the lowest `band` of the height, widened until they carry: 3 nodes not on a line, and area."""
+def _lowest_band(mesh: TetMesh, down: FloatArray, band: float) -> tuple[BoolArray, IntArray]:
+    """((k,) triangles within the lowest `band` of the height, their nodes); the band is widened until it carries: 3 nodes not on a line, and area.
+
+    Triangles of a member may run its whole length: none of these lies within a band of less than all of it. Then the nodes of the surface within the
+    band are held, of whatever triangles, and no triangle is LOWEST.
+    """
     corners, area = _triangles(mesh)
     depth = corners @ down
     lowest, height = float((mesh.nodes @ down).max()), float(np.ptp(mesh.nodes @ down))
-    while band < 1.0:
-        chosen = np.asarray((depth >= lowest - band * height).all(axis=1))
-        if chosen.any():
-            p = corners[chosen].reshape(-1, 3)
-            spread = np.linalg.svd(p - p.mean(axis=0), compute_uv=False)
-            carries = spread[1] > 1e-3 * spread[0] and np.linalg.norm(area[chosen], axis=1).sum() >= _LEAST_AREA * _footprint(area, down)
-            if carries:
-                return chosen
-        band *= 1.5
+    for width in _bands(band, _WIDEST):
+        chosen = np.asarray((depth >= lowest - width * height).all(axis=1))
+        enough = np.linalg.norm(area[chosen], axis=1).sum() >= _LEAST_AREA * _footprint(area, down)
+        if enough and _spans_a_plane(corners[chosen].reshape(-1, 3)):
+            return chosen, np.unique(mesh.boundary[chosen])
+    rim = np.unique(mesh.boundary)
+    for width in _bands(band, 1.0):
+        nodes = rim[mesh.nodes[rim] @ down >= lowest - width * height]
+        if _spans_a_plane(mesh.nodes[nodes]):
+            return np.zeros(len(corners), bool), nodes
     raise SolveError("no part of the surface near its lowest point can carry the part: check that the mesh is closed and faces outward")
 
 
-def build_model(tets: TetMesh, options: FeaOptions = FeaOptions()) -> FEModel:
-    """The model of a part that stands on its lowest face under its own weight.
+def _bands(first: float, last: float) -> Iterator[float]:
+    while first <= last:
+        yield first
+        first *= 1.5
+
+
+def _spans_a_plane(points: FloatArray) -> bool:
+    """Are there three that are not on a line?"""
+    if len(points) < 3:
+        return False
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(spread[1] > 1e-3 * spread[0])
+
+
+def check_options(options: FeaOptions) -> None:
+    """Raises UsageError for a material, axis, support or load that no model could have, before anything is read."""
+    chosen_material(options)
+    down_axis(options)
+    parse_supports(options.supports)
+    parse_loads(options.loads)
+
+
+def build_model(tets: TetMesh, options: FeaOptions = FeaOptions(), number: int | None = None) -> FEModel:
+    """The model of a part under its own weight and the loads of the options, on the supports of the options or on its lowest face.
 
     Node sets: one per CAD face (upper case), ALL, and LOWEST: the plane CAD faces that look down (within 10 degrees) and reach into
-    the lowest `support_band` of the height, or the surface within that band where there is no such face. LOWEST is held in x, y and z.
-    Raises UsageError (material, axis) and SolveError (empty mesh, too many degrees of freedom, nothing that carries).
+    the lowest `support_band` of the height, or the surface within that band where there is no such face. LOWEST is held in x, y and z where the
+    options name no other set. number : of the object, for lines of the options that are meant for one. A case that names a set which is not there
+    fails alone (`failed`). Raises UsageError (material, axis, lines) and SolveError (empty mesh, too many unknowns, nothing that carries).
     """
     require(len(tets.tets), SolveError, "the mesh holds no tetrahedra")
     n_dof = 3 * len(tets.nodes)
@@ -116,11 +147,32 @@ def build_model(tets: TetMesh, options: FeaOptions = FeaOptions()) -> FEModel:
         f"{n_dof} degrees of freedom are above fea.max_dof = {options.max_dof}: mesh coarser or raise the limit",
     )
     down = down_axis(options)
-    names, number = face_sets(tets)
-    sets = {name: np.unique(tets.boundary[number == k]) for k, name in enumerate(names)}
+    names, number_of = face_sets(tets)
+    sets = {name: np.unique(tets.boundary[number_of == k]) for k, name in enumerate(names)}
     lowest = _lowest_faces(tets, down, options.support_band)
-    if not lowest.any():
-        lowest = _lowest_band(tets, down, options.support_band)
+    stands = np.unique(tets.boundary[lowest])
+    if not len(stands):
+        lowest, stands = _lowest_band(tets, down, options.support_band)
     sets[ALL] = np.arange(len(tets.nodes), dtype=np.int64)
-    sets[LOWEST] = np.unique(tets.boundary[lowest])
-    return FEModel(mesh=tets, material=chosen_material(options), node_sets=sets, support=LOWEST, acceleration_m_s2=options.gravity_m_s2 * down)
+    sets[LOWEST] = stands
+    surfaces = {name: np.flatnonzero(number_of == k) for k, name in enumerate(names)}
+    surfaces[LOWEST] = np.flatnonzero(lowest)
+    asked, wanted = parse_supports(options.supports), parse_loads(options.loads)
+    cases, failed = cases_of(wanted, number, tuple(sets))
+    supports = {LOWEST: "xyz"}
+    try:
+        supports = supports_of(asked or (), number, tuple(surfaces)) or supports
+    except SolveError as error:
+        cases, failed = (), {**dict.fromkeys((line.case for line in wanted if line.number in (None, number)), str(error)), **failed}
+        failed = failed or {"supports": str(error)}
+    return FEModel(
+        mesh=tets,
+        material=chosen_material(options),
+        node_sets=sets,
+        supports=supports,
+        acceleration_m_s2=options.gravity_m_s2 * down,
+        surfaces=surfaces,
+        cases=cases,
+        is_floating=asked is None,
+        failed=failed,
+    )

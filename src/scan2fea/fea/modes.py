@@ -14,6 +14,7 @@ import scipy.linalg
 from scan2fea.errors import SolveError
 from scan2fea.fea.assemble import System
 from scan2fea.fea.linear import Inverse
+from scan2fea.fea.restrain import rigid_fields
 from scan2fea.types import FloatArray, Value
 
 MAX_ROUNDS = 200
@@ -42,17 +43,6 @@ class Products:
 
     def mass(self, x: FloatArray) -> FloatArray:
         return np.asarray(self._mass @ x.reshape(self._mass.shape[0], -1)).reshape(x.shape)
-
-
-def rigid_modes(nodes: FloatArray) -> FloatArray:
-    """(n, 3, 6) translations along and rotations about x, y, z through the mean of the nodes; lengths in units of the size."""
-    x = nodes - nodes.mean(axis=0)
-    x = x / np.abs(x).max()
-    out = np.zeros((len(x), 3, 6))
-    for axis in range(3):
-        out[:, axis, axis] = 1.0
-        out[:, :, 3 + axis] = np.cross(np.eye(3)[axis], x)
-    return out
 
 
 def start_fields(nodes: FloatArray) -> FloatArray:
@@ -92,7 +82,7 @@ def first_guess(system: System, nodes: FloatArray, n_wanted: int) -> tuple[Float
     """(start block (3n, b), bound from above of the first elastic eigenvalue) by Rayleigh-Ritz on `start_fields`."""
     products = Products(system)
     none = np.zeros((3 * len(nodes), 0))
-    rigid = _orthonormal(rigid_modes(nodes).reshape(-1, 6), products, none, none)
+    rigid = _orthonormal(rigid_fields(nodes).reshape(-1, 6), products, none, none)
     m_rigid = products.mass(rigid)
     basis = _orthonormal(start_fields(nodes), products, rigid, m_rigid)
     values, vectors = _ritz(basis, products.stiffness(basis))

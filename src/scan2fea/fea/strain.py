@@ -45,6 +45,25 @@ def energies(mesh: TetMesh, material: Material, fields: FloatArray) -> FloatArra
     return total
 
 
+def stresses(mesh: TetMesh, material: Material, field: FloatArray) -> FloatArray:
+    """(m, q, 3, 3) Pa at the integration points under the displacement (n, 3)."""
+    found = []
+    for first in range(0, len(mesh.tets), _CHUNK):
+        rows = slice(first, first + _CHUNK)
+        found.append(_stress(_strain(_gradients(mesh, rows)[0], field[mesh.tets[rows]]), material))
+    return np.concatenate(found)
+
+
+def at_nodes(mesh: TetMesh, per_point: FloatArray, volume: FloatArray) -> FloatArray:
+    """(n,) mean over the elements at each node, by volume, of values (m q,) at the integration points."""
+    m, k = mesh.tets.shape
+    weight = volume.reshape(m, -1).sum(axis=1)
+    mean = (per_point * volume).reshape(m, -1).sum(axis=1)
+    rows = mesh.tets.ravel()
+    total, share = (np.bincount(rows, np.repeat(x, k), len(mesh.nodes)) for x in (mean, weight))
+    return np.asarray(total / np.maximum(share, 1e-300))
+
+
 def von_mises(mesh: TetMesh, material: Material, field: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(von Mises stress (m q,), Pa, volume (m q,), m3) at the integration points under the displacement (n, 3)."""
     stresses, volumes = [], []

@@ -31,7 +31,7 @@ from scan2fea.reconstruction import reconstruct
 from scan2fea.remeshing import AIM_DEG, eased, remesh, worst_dihedral
 from scan2fea.repair import repair
 from scan2fea.tetmeshing import Filled, fill
-from scan2fea.types import MEASURED, IntArray, TetMesh, TriangleMesh
+from scan2fea.types import MEASURED, FEModel, FEResult, IntArray, Member, TetMesh, TriangleMesh
 from scan2fea.verification.limits import limits
 from scan2fea.verification.mesh import brep_checks, surface_checks, tet_checks
 from scan2fea.verification.response import response_checks
@@ -73,11 +73,28 @@ def _chain(made: Made, source: Tracked[Part], config: Config, record: Record) ->
     if any(not check.passed for check in made.checks):
         return  # a solution on a wrong mesh would only look like one
 
-    model = record("model", build_model, tets, options=config.fea, n_in=len(tets.value.nodes), count=lambda m: len(m.node_sets), keep=False)
+    made.model, made.result = _solved(made, tets, member, config, record)
+    model, solved = made.model, made.result
+    made.checks += response_checks(model, solved)
+
+
+def _solved(
+    made: Made, tets: Tracked[TetMesh], member: Tracked[Member] | None, config: Config, record: Record
+) -> tuple[FEModel, FEResult]:
+    """The model with the supports and loads of the options, and its solution; of a member with the cases that have closed forms."""
+    number = {"number": made.part.id}
+    n = len(tets.value.nodes)
+    model = record("model", build_model, tets, options=config.fea, extra=number, n_in=n, count=lambda m: len(m.node_sets), keep=False)
     made.model = model.value
-    solved = record("solve", solve, model, options=config.fea, n_in=len(tets.value.tets), count=lambda r: r.n_dof)
-    made.result = solved.value
-    made.checks += response_checks(model.value, solved.value)
+    source: list[Tracked[Any]] = [model] if member is None else [model, member]
+    radius = {"root_radius_m": config.solid.root_radius_m}
+    solved = record("solve", _solve, *source, options=config.fea, extra=radius, n_in=len(tets.value.tets), count=lambda r: r.n_dof)
+    return model.value, solved.value
+
+
+def _solve(model: FEModel, *rest: Any, root_radius_m: float) -> FEResult:
+    *member, options = rest
+    return solve(model, options, member[0] if member else None, root_radius_m)
 
 
 def _surface(made: Made, source: Tracked[Part], config: Config, record: Record) -> Tracked[TriangleMesh]:

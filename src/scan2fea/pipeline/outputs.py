@@ -104,4 +104,8 @@ def _point_data(made: Made) -> dict[str, FloatArray]:
     if made.result is None:
         return {}
     shapes = {f"mode_{7 + k}": shape for k, shape in enumerate(made.result.mode_shapes)}
-    return {"displacement_m": made.result.displacement_m, **shapes}
+    first, *others = made.result.fields
+    singular = np.zeros(len(first.von_mises_pa))
+    singular[made.result.singular] = 1.0
+    cases = {f"displacement_{field.name}_m": field.displacement_m for field in others} | {f"von_mises_{f.name}_pa": f.von_mises_pa for f in others}
+    return {"displacement_m": first.displacement_m, "von_mises_pa": first.von_mises_pa, "is_singular": singular, **cases, **shapes}

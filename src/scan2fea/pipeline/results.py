@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from scan2fea import __version__
+from scan2fea.fea.surfaces import surface
 from scan2fea.io import RawScan
 from scan2fea.io.files import sha256_of
 from scan2fea.kernel.coverage import area_shares
@@ -123,7 +124,22 @@ def fea_row(model: FEModel, result: FEResult) -> dict[str, Any]:
         "frequencies_hz": [float(f) for f in result.frequencies_hz[6:]],
         "material": dataclasses.asdict(model.material),
         "cases": [dataclasses.asdict(case) for case in result.cases],
+        "supports": dict(model.supports),
+        "sets": _set_rows(model),
+        "failed_cases": dict(result.failed),
+        "n_singular_nodes": len(result.singular),
     }
+
+
+def _set_rows(model: FEModel) -> list[dict[str, Any]]:
+    """The faces that supports and loads can name: area, centroid and mean outward normal, to tell them apart."""
+    rows = []
+    for name, triangles in list(model.surfaces.items())[:MAX_NAMES]:
+        on = surface(np.asarray(model.mesh.nodes), np.asarray(model.mesh.boundary[triangles]))
+        area = float(on.area.sum())
+        if area > 0:
+            rows.append({"name": name, "area_m2": area, "centre_m": on.centroid, "normal": on.outward.sum(axis=(0, 1)) / area})
+    return rows
 
 
 def check_row(check: Check) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from scan2fea.errors import InputError, UsageError, require
+from scan2fea.fea import check_options
 from scan2fea.io import InputOptions, RawScan, read_scan, write_cloud_ply, write_trajectory
 from scan2fea.io.files import existing_file, sha256_of, write_bytes
 from scan2fea.pipeline.assigned import assigned, resolved
@@ -43,6 +44,7 @@ def run(
     table = table_of(config.route)
     known_section(config.route, table)  # what is wrong with it is wrong before anything is read
     known = resolved(config.object, table, config.run.seed)
+    check_options(config.fea)
     _prepare(out, resume)
     _write_text(out / "config.toml", to_toml(config))
     with _Log(out / "log.jsonl", say) as log:

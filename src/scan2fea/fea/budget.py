@@ -1,0 +1,178 @@
+"""How far the response of a member is known: the standard deviations of its dimensions carried on to mass, deflection, frequency and buckling load.
+
+First order: slopes of the beam model times the covariance. And by drawing dimensions from it (seeded): skew answers, a thin wall to the third power,
+show there. Section properties are taken from a quadratic in the logarithms of the dimensions, fitted to solved sections round the estimate.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scan2fea.errors import Scan2FeaError, UsageError
+from scan2fea.fea.beam import assemble_beams, frequencies, straight
+from scan2fea.fea.beam_theory import buckling_loads, tip_under_force, tip_under_tension, tip_under_torque
+from scan2fea.fea.section_properties import SectionProperties, properties_of
+from scan2fea.kernel.sections import PARAMETERS
+from scan2fea.types import FloatArray, Material, Member, Value
+
+N_ELEMENTS = 12  # of the beam whose frequencies are found for each sample: the first three within 0.1 %
+N_FREQUENCIES = 4
+_STEP_SD, _LEAST_STEP = 1.0, 1e-3  # of the fit: one standard deviation, at least that share of a dimension
+_MOST_STEP = 0.2  # of a dimension: a wall that is hardly known must not become negative
+
+
+@dataclass(frozen=True, kw_only=True)
+class Budget(Value):
+    """of each figure: value, first_order_std, std (by samples; the first order without any).   n_samples : drawn and used.   assumed : dimensions
+    that the data do not tell: their uncertainty is in no figure.
+    """
+
+    value: Mapping[str, float]
+    first_order_std: Mapping[str, float]
+    std: Mapping[str, float]
+    n_samples: int
+    assumed: tuple[str, ...]
+
+
+def beam_response(p: SectionProperties, material: Material, length_m: float, force_n: float, n_elements: int = N_ELEMENTS) -> dict[str, float]:
+    """The figures of one member: by name, SI. Forces along the axes of the section at the centroid of the tip, torque force times 1 m."""
+    matrices = assemble_beams(straight(length_m, p, material, n_elements))
+    free = np.zeros(len(matrices.stiffness), bool)
+    hertz = frequencies(matrices, free, 6 + N_FREQUENCIES)[0][6:]
+    out = {
+        "mass_kg": material.density_kg_m3 * p.area * length_m,
+        "tension": tip_under_tension(p, material, length_m, force_n),
+        "twist": tip_under_torque(p, material, length_m, force_n),
+        "buckling_n": float(buckling_loads(p, material, length_m)[0]),
+    }
+    for k, name in enumerate("xy"):
+        u, twist = tip_under_force(p, material, length_m, force_n * np.eye(2)[k])
+        out |= {f"bend_{name}_x": float(u[0]), f"bend_{name}_y": float(u[1]), f"bend_{name}_twist": twist}
+    return out | {f"f{k + 1}_hz": float(f) for k, f in enumerate(hertz)}
+
+
+def budget(member: Member, material: Material, force_n: float, root_radius_m: float, n_samples: int, seed: int) -> Budget:
+    """The response of a member with its standard deviations. Raises UsageError where its dimensions make no section."""
+    names = [p.name for p in member.parameters]
+    covariance = np.asarray(member.covariance, float)
+    centre = np.array([p.value_m for p in member.parameters])
+    std = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
+    model = _SectionModel(member.family, dict(zip(names, centre.tolist(), strict=True)), dict(zip(names, std.tolist(), strict=True)), root_radius_m)
+    length = names.index("length")
+
+    def response(values: FloatArray) -> dict[str, float]:
+        return beam_response(model(dict(zip(names, values.tolist(), strict=True))), material, float(values[length]), force_n)
+
+    told = response(centre)
+    first = _first_order(response, centre, covariance, std, told)
+    drawn = _samples(response, centre, covariance, n_samples, seed) if n_samples and std.any() else []
+    spread = {name: float(np.std([row[name] for row in drawn], ddof=1)) for name in told} if len(drawn) > 1 else first
+    assumed = tuple(p.name for p in member.parameters if p.source == "catalogue")
+    return Budget(value=told, first_order_std=first, std=spread, n_samples=len(drawn), assumed=assumed)
+
+
+def _first_order(
+    response: Callable[[FloatArray], dict[str, float]], centre: FloatArray, covariance: FloatArray, std: FloatArray, told: Mapping[str, float]
+) -> dict[str, float]:
+    slopes = np.zeros((len(told), len(centre)))
+    for k in np.flatnonzero(std > 0).tolist():
+        step = 0.3 * std[k] * np.eye(len(centre))[k]
+        ahead, behind = response(centre + step), response(centre - step)
+        slopes[:, k] = [(ahead[name] - behind[name]) / (0.6 * std[k]) for name in told]
+    variance = np.einsum("rk,kl,rl->r", slopes, covariance, slopes)
+    return {name: float(np.sqrt(max(v, 0.0))) for name, v in zip(told, variance, strict=True)}
+
+
+def _samples(
+    response: Callable[[FloatArray], dict[str, float]], centre: FloatArray, covariance: FloatArray, n: int, seed: int
+) -> list[dict[str, float]]:
+    """Responses of dimensions drawn from their normal distribution; draws that make no section (a wall below nothing) are left out."""
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.clip(values, 0.0, None))
+    draws = centre + np.random.default_rng(seed).normal(size=(n, len(centre))) @ root.T
+    out = []
+    for row in draws:
+        try:
+            out.append(response(row))
+        except (Scan2FeaError, np.linalg.LinAlgError):
+            continue
+    return out
+
+
+class _SectionModel:
+    """Section properties near an estimate: the logarithm of each, or its value where it may change sign, as a quadratic in the logarithms of the
+    dimensions, through the exact figures at the estimate.
+    """
+
+    def __init__(self, family: str, values: Mapping[str, float], std: Mapping[str, float], root_radius_m: float) -> None:
+        self._names = [name for name in PARAMETERS[family] if std.get(name, 0.0) > 0]
+        self._family, self._values = family, {name: values[name] for name in PARAMETERS[family]}
+        self._exact = properties_of(family, self._values, root_radius_m)
+        if not self._names:
+            return
+        step = [min(max(_STEP_SD * std[n] / values[n], _LEAST_STEP), _MOST_STEP) for n in self._names]
+        offsets = _design(len(step)) * np.log1p(np.array(step))
+        rows = [self._row(properties_of(family, self._moved(x), root_radius_m, level=0)) for x in offsets]
+        change = np.array(rows) - rows[0]
+        self._factors = np.linalg.lstsq(_terms(offsets), change, rcond=None)[0]
+        self._base = self._row(self._exact)
+
+    def _moved(self, logs: FloatArray) -> dict[str, float]:
+        return {**self._values, **{n: self._values[n] * float(np.exp(x)) for n, x in zip(self._names, logs, strict=True)}}
+
+    @staticmethod
+    def _row(p: SectionProperties) -> FloatArray:
+        """Lengths in units of the root of the area, so that all entries are of size one."""
+        unit = float(np.sqrt(p.area))
+        tiny = 1e-12
+        logs = [p.area, p.ixx, p.iyy, p.j, p.warping / unit**6 + tiny, p.shear[0, 0], p.shear[1, 1]]
+        plain = [p.ixy / unit**4, *(p.eccentricity / unit), p.shear[0, 1] * p.area]
+        return np.array([*np.log(logs), *plain])
+
+    def __call__(self, values: Mapping[str, float]) -> SectionProperties:
+        """Raises UsageError where a dimension is not positive."""
+        if any(values[n] <= 0 for n in self._names):
+            raise UsageError("a dimension of a section must be positive")
+        if not self._names:
+            return self._exact
+        logs = np.log([values[n] / self._values[n] for n in self._names])
+        row = self._base + (_terms(logs[None]) @ self._factors)[0]
+        area, ixx, iyy, j, warping, s00, s11 = np.exp(row[:7]).tolist()
+        unit = float(np.sqrt(area))
+        return replace(
+            self._exact,
+            area=area,
+            ixx=ixx,
+            iyy=iyy,
+            j=j,
+            warping=max(warping - 1e-12, 0.0) * unit**6,
+            ixy=float(row[7]) * unit**4,
+            shear_centre=self._exact.centroid + row[8:10] * unit,
+            shear=np.array([[s00, row[10] / area], [row[10] / area, s11]]),
+        )
+
+
+def _design(n: int) -> FloatArray:
+    """(k, n) offsets: none, each either way, each pair together."""
+    eye = np.eye(n)
+    pairs = [eye[a] + eye[b] for a, b in itertools.combinations(range(n), 2)]
+    return np.array([np.zeros(n), *eye, *(-eye), *pairs])
+
+
+def _terms(x: FloatArray) -> FloatArray:
+    """(k, t) linear, square and mixed terms of offsets (k, n)."""
+    n = x.shape[1]
+    mixed = [x[:, a] * x[:, b] for a, b in itertools.combinations_with_replacement(range(n), 2)]
+    return np.stack([*x.T, *mixed], axis=1)
+
+
+def std_of(found: Budget, name: str, value: float) -> float | None:
+    """The standard deviation of a figure of the solid: in the ratio of the beam's. None where the beam's figure is none to scale."""
+    base = found.value.get(name)
+    if base is None or base == 0:
+        return None
+    return abs(value / base) * found.std[name]

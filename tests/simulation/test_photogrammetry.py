@@ -3,8 +3,22 @@ import pytest
 from scipy import stats
 
 from scan2fea.errors import InputError
+from scan2fea.io import InputOptions, read_scan
+from scan2fea.kernel.transforms import applied
+from scan2fea.pipeline.simulate import simulate_scene
 from scan2fea.simulation.casting import target_of
-from scan2fea.simulation.photogrammetry import CameraOptions, PhotogrammetryOptions, StereoOptions, features_of, scan_photogrammetry, scan_stereo
+from scan2fea.simulation.photogrammetry import (
+    CameraOptions,
+    PhotogrammetryOptions,
+    SfmOptions,
+    StereoOptions,
+    features_of,
+    in_frame,
+    scan_photogrammetry,
+    scan_stereo,
+    sfm_frame,
+)
+from scan2fea.simulation.scene_file import scene_of
 from sensed import block, scene
 
 HERE = {"positions_m": ((0.0, 0.0, 0.0),)}
@@ -99,3 +113,49 @@ def test_one_picture_is_not_enough():
         scan_photogrammetry(wall(5.0), PhotogrammetryOptions(**HERE))
     with pytest.raises(InputError, match="lower it"):
         scan_photogrammetry(wall(5.0), PhotogrammetryOptions(positions_m=((0, 0, 0), (0, 1, 0)), features_per_m2=1e6))
+
+
+def test_structure_from_motion_is_told_in_its_own_frame_and_scale(tmp_path):
+    """The files know no metres and no world; truth.json tells how to come back, and then they are the photogrammetric scan."""
+    text = """
+[[object]]
+name = "block"
+kind = "box"
+x = 1
+y = 1
+z = 1
+position = [4, -0.5, 0]
+[[sensor]]
+kind = "KIND"
+positions_m = [[0, -0.7, 0.3], [0.5, 0.9, 1.4], [0.2, 2, 0.5]]
+orientations_deg = [[3, 2, 8], [0, 5, -15], [0, 0, -30]]
+features_per_m2 = 300
+"""
+    told = {}
+    for kind in ("photogrammetry", "sfm"):
+        given = scene_of(text.replace("KIND", kind))
+        told[kind] = simulate_scene(given, tmp_path / kind, seed=4, formats=("ply", "xyz"), step=False).truth
+    assert told["photogrammetry"]["unit"] == "m" and told["sfm"]["unit"] is None
+    assert list(told["sfm"]["frames"]) == ["sfm_00.ply", "sfm_00.xyz"]
+    T, scale = (told["sfm"]["frames"]["sfm_00.ply"][k] for k in ("T_world_scan", "lengths_per_m"))
+    assert scale == pytest.approx(1 / np.linalg.norm([0.5, 1.6, 1.1]), rel=1e-12)  # the first two cameras are 1 apart
+    world = read_scan(tmp_path / "photogrammetry" / "photogrammetry_00.ply", InputOptions()).scan
+    own = read_scan(tmp_path / "sfm" / "sfm_00.ply", InputOptions()).scan
+    assert len(world.cloud) > 100
+    back = applied(np.array(T), own.cloud.points / scale)
+    np.testing.assert_allclose(back, world.cloud.points, atol=1e-6)
+    np.testing.assert_allclose(applied(np.array(T), own.sensors() / scale), world.sensors(), atol=1e-6)
+    np.testing.assert_allclose(np.array(T)[:3, 3], [0, -0.7, 0.3], atol=1e-12)  # its origin is the first camera
+    assert b"comment scan2fea, scale unknown" in (tmp_path / "sfm" / "sfm_00.ply").read_bytes()[:200]
+    (scan,) = scan_photogrammetry(given.scene, given.sensors[0].options, 4)
+    small = in_frame(scan, np.array(T), scale)
+    np.testing.assert_allclose(small.cloud.sigma_along_m, scale * scan.cloud.sigma_along_m)
+    np.testing.assert_allclose(small.rays.origin + small.rays.range_m[:, None] * small.rays.direction, small.cloud.points, atol=1e-9)
+    assert told["sfm"]["objects"][0]["n_points"] == told["photogrammetry"]["objects"][0]["n_points"]
+
+
+def test_a_scale_can_be_given_and_two_cameras_in_one_place_give_none():
+    both = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    with pytest.raises(InputError, match="sensor sfm: positions_m: the first two cameras stand in one place"):
+        sfm_frame(SfmOptions(positions_m=both))
+    assert sfm_frame(SfmOptions(positions_m=both, scale=3.7))[1] == 3.7

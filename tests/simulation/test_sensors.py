@@ -19,6 +19,7 @@ QUICK = {
     "lidar": {"keep_every": 5},
     "line_laser": {"max_range_m": 9.0},
     "photogrammetry": {"features_per_m2": 50.0},
+    "sfm": {"features_per_m2": 50.0},
     "stereo": {"features_per_m2": 50.0},
 }
 EXACT = {"noise_m": 0.0, "noise_px": 0.0, "stripe_px": 0.0, "clock_us": 0.0, "quantum_m": 0.0, "footprint_rays": 1, "max_range_m": 50.0}
@@ -56,7 +57,7 @@ def test_scans_are_whole(name):
         assert ((cloud.label >= -1) & (cloud.label < len(ROOM.solids))).all()
         assert np.isfinite(cloud.points).all()
         assert (cloud.sigma_along_m > 0).all()
-        assert (np.diff(rays.time_s) >= 0).all() or name in ("photogrammetry", "stereo")
+        assert (np.diff(rays.time_s) >= 0).all() or name in ("photogrammetry", "sfm", "stereo")
         assert rays.ring is not None
         assert rays.footprint_rad is not None
 

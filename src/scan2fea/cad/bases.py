@@ -18,7 +18,7 @@ from scan2fea.kernel.sweep import Sweep
 from scan2fea.types import FloatArray
 from scan2fea.units import MILLIMETRES_PER_METRE
 
-STAR_TOLERANCE = 1e-10  # of its radius: how far the patches of a star may stray
+STAR_TOLERANCE = 1e-9  # of its radius: how far the patches of a star may stray
 _AXES = np.eye(3)
 _SIDES = [  # of a cube: outward normal, and the two directions along it, right-handed
     (sign * _AXES[k], _AXES[(k + 1) % 3], sign * _AXES[(k + 2) % 3]) for k in range(3) for sign in (1.0, -1.0)

@@ -30,11 +30,14 @@ def nodes(degree: int) -> FloatArray:
     return np.asarray((1 - np.cos(np.pi * np.arange(degree + 1) / degree)) / 2)
 
 
-def curve(at: Callable[[FloatArray], FloatArray], tolerance: float) -> FloatArray:
-    """(degree + 1, 3) control points. at : (m,) shares -> (m, 3). Raises CadError where the largest degree leaves the tolerance."""
+def curve(at: Callable[[FloatArray], FloatArray], tolerance: float, least: int = 1) -> FloatArray:
+    """(degree + 1, 3) control points, degree `least` or more. at : (m,) shares -> (m, 3).
+
+    Raises CadError where the largest degree leaves the tolerance.
+    """
     test = np.linspace(0, 1, _TESTED)
     true = at(test)
-    for degree in DEGREES:
+    for degree in (degree for degree in DEGREES if degree >= least):
         control = _controls(at(nodes(degree)), degree)
         if np.abs(bernstein(test, degree) @ (control - control[0]) + control[0] - true).max() <= tolerance:
             return control
@@ -62,7 +65,10 @@ def patch(at: Callable[[FloatArray, FloatArray], FloatArray], tolerance: float) 
 
 
 def _degree(lines: Sequence[Callable[[FloatArray], FloatArray]], tolerance: float) -> int:
-    return max(len(curve(line, tolerance)) - 1 for line in lines)
+    degree = 1
+    for line in lines:
+        degree = len(curve(line, tolerance, degree)) - 1
+    return degree
 
 
 def _controls(values: FloatArray, degree: int) -> FloatArray:

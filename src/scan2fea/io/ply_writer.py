@@ -27,11 +27,11 @@ def write_cloud_ply(path: Path, cloud: PointCloud, columns: Mapping[str, Array] 
     _write(path, [("vertex", {**_columns_of(cloud), **columns}, len(cloud))])
 
 
-def write_scan_ply(path: Path, scan: Scan, columns: Mapping[str, Array] = {}) -> None:
+def write_scan_ply(path: Path, scan: Scan, columns: Mapping[str, Array] = {}, lengths: str = "metres") -> None:
     """A scan as a scanner would give it: points with sensor_x, sensor_y, sensor_z and further `columns`, and an element `miss` of
     the rays without return.
 
-    `read_scan` gives points, sensors and misses back.
+    `read_scan` gives points, sensors and misses back. lengths : what the header says of them.
     """
     columns = {**_columns_of(scan.cloud), **columns}
     elements = []
@@ -42,7 +42,7 @@ def write_scan_ply(path: Path, scan: Scan, columns: Mapping[str, Array] = {}) ->
         if len(misses):
             values = np.concatenate([scan.rays.origin[misses], scan.rays.direction[misses]], axis=1)
             elements.append(("miss", {name: values[:, k] for k, name in enumerate(MISS_COLUMNS)}, len(misses)))
-    _write(path, [("vertex", columns, len(scan.cloud)), *elements])
+    _write(path, [("vertex", columns, len(scan.cloud)), *elements], lengths)
 
 
 def write_mesh_ply(path: Path, mesh: TriangleMesh) -> None:
@@ -84,8 +84,8 @@ def _stored(name: str, values: Array, rows: int) -> Array:
     return array
 
 
-def _write(path: Path, elements: list[tuple[str, Mapping[str, Array], int]]) -> None:
-    header = ["ply", "format binary_little_endian 1.0", "comment scan2fea, metres"]
+def _write(path: Path, elements: list[tuple[str, Mapping[str, Array], int]], lengths: str = "metres") -> None:
+    header = ["ply", "format binary_little_endian 1.0", f"comment scan2fea, {lengths}"]
     stored: list[tuple[dict[str, Array], int]] = []
     for element, columns, rows in elements:
         header.append(f"element {element} {rows}")

@@ -26,12 +26,12 @@ _FIXED_DATE = date(2000, 1, 1)  # the same scan gives the same bytes
 _NEARLY_ONE_PLACE_M = 1e-9
 
 
-def write_ply(path: Path, scan: Scan) -> None:
+def write_ply(path: Path, scan: Scan, lengths: str = "metres") -> None:
     """Points with sensor_x|y|z, ray_x|y|z (unit direction), time, ring, object, sigma_m; and the misses."""
     columns: dict[str, Array] = {name: values for name, values in _ray_columns(scan).items() if name != "label"}
     if scan.cloud.label is not None:
         columns["object"] = scan.cloud.label
-    write_scan_ply(path, scan, columns)
+    write_scan_ply(path, scan, columns, lengths)
 
 
 def write_xyz(path: Path, scan: Scan) -> None:

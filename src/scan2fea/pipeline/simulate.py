@@ -17,12 +17,13 @@ from scan2fea.cad.exact import BENT, EXACT, ExactSolid, exact_solid
 from scan2fea.errors import CadError, InputError, UsageError, require
 from scan2fea.io import write_mesh_ply, write_text
 from scan2fea.io.files import write_bytes
-from scan2fea.io.scan_writers import SCAN_WRITERS
+from scan2fea.io.scan_writers import SCAN_WRITERS, write_ply
 from scan2fea.kernel.construction import Bend
 from scan2fea.kernel.measures import area
 from scan2fea.kernel.transforms import applied, inverse
 from scan2fea.pipeline.simulate_logs import write_logs
 from scan2fea.simulation.bounds import bounds_from_points
+from scan2fea.simulation.photogrammetry import in_frame
 from scan2fea.simulation.sampling import noise_sd, sampled
 from scan2fea.simulation.scene_checks import check_scene, check_sensor
 from scan2fea.simulation.scene_file import PlacedSensor, SceneFile, read_scene
@@ -31,7 +32,7 @@ from scan2fea.simulation.sensors import SENSORS
 from scan2fea.simulation.solids import Scene, Solid
 from scan2fea.simulation.truth import even_bounds, has_bounds, truth_of
 from scan2fea.simulation.visibility import Seen, seen_from
-from scan2fea.types import Scan
+from scan2fea.types import FloatArray, Scan
 
 _MOST_PLACES = 48  # of a moving sensor, at which what it sees is worked out for truth.json
 Picture = Callable[[Scene, Sequence[Scan]], bytes]
@@ -111,11 +112,17 @@ def simulate_scene(
         check_sensor(given.scene, positions, sensor.kind)
     groups = _groups(given, seed)
     scans = _named(groups) + _sampled(given, seed)
+    frames = _frames(groups)
     with _Whole(Path(out)) as folder:
-        files = [folder / name for name in _points(folder, scans, formats)]
+        files = [folder / name for name in _points(folder, scans, formats, frames)]
         meshes, steps = _solids(folder, given.scene, step)
         truth = _truth(given, [scan for _, scan in scans], [f.name for f in files], meshes, steps, Path(out).name, seed)
         logs = [write_logs(folder / "logs", stem, s.kind, s.options, made, seed + k) for k, (stem, s, made) in enumerate(groups)]
+        if frames:
+            truth["unit"] = None  # of files in a scale of their own
+            truth["frames"] = {
+                f"{stem}.{suffix}": {"T_world_scan": T.tolist(), "lengths_per_m": scale} for stem, (T, scale) in frames.items() for suffix in formats
+            }
         truth["logs"] = [str(path.relative_to(folder)) for paths in logs for path in paths]
         write_text(folder / "truth.json", json.dumps(truth, indent=1, allow_nan=False) + "\n")
         if picture is not None:
@@ -153,11 +160,25 @@ def _named(groups: Sequence[tuple[str, PlacedSensor, tuple[Scan, ...]]]) -> list
     return scans
 
 
-def _points(folder: Path, scans: Sequence[tuple[str, Scan]], formats: Sequence[str]) -> list[str]:
+def _frames(groups: Sequence[tuple[str, PlacedSensor, tuple[Scan, ...]]]) -> dict[str, tuple[FloatArray, float]]:
+    """Of the scans of sensors that know neither the world nor metres, by the stem of their files: pose of the frame, lengths per metre."""
+    frames = {}
+    for group in groups:
+        frame = SENSORS[group[1].kind].frame
+        if frame is not None:
+            frames.update({stem: frame(group[1].options) for stem, _ in _named([group])})
+    return frames
+
+
+def _points(folder: Path, scans: Sequence[tuple[str, Scan]], formats: Sequence[str], frames: Mapping[str, tuple[FloatArray, float]]) -> list[str]:
     names = []
-    for stem, scan in scans:
+    for stem, world in scans:
+        scan = in_frame(world, *frames[stem]) if stem in frames else world
         for suffix in formats:
-            SCAN_WRITERS[suffix](folder / f"{stem}.{suffix}", scan)
+            if suffix == "ply" and stem in frames:
+                write_ply(folder / f"{stem}.ply", scan, lengths="scale unknown")
+            else:
+                SCAN_WRITERS[suffix](folder / f"{stem}.{suffix}", scan)
             names.append(f"{stem}.{suffix}")
     return names
 

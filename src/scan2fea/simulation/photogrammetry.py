@@ -2,20 +2,21 @@
 
 Each feature is projected into every camera that sees it, its place in each picture is disturbed, and the lines of sight are met again by
 least squares of the pixels: so the error in depth grows with range^2 / baseline by itself, not by a formula. Cameras look along x; their
-picture lies in y, z. Bare parts of a surface have no features.
+picture lies in y, z. Bare parts of a surface have no features. Structure from motion knows the pictures alone: the same points, in a frame and a
+scale of its own.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from scan2fea.errors import InputError, require
 from scan2fea.kernel.distances import sample_surface
 from scan2fea.kernel.measures import area
-from scan2fea.kernel.transforms import compose, rigid
+from scan2fea.kernel.transforms import applied, compose, inverse, rigid, rotated
 from scan2fea.options import option
 from scan2fea.simulation.casting import Target, is_visible, target_of
 from scan2fea.simulation.motion import PathOptions, path_of
@@ -51,6 +52,13 @@ class PhotogrammetryOptions(CameraOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SfmOptions(PhotogrammetryOptions):
+    """Pictures without known places: frame and scale are the solution's own, as structure from motion leaves them."""
+
+    scale: float = option(0.0, "Lengths of the scan per metre of the world; 0: the first two cameras lie 1 apart", minimum=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
 class StereoOptions(CameraOptions):
     """A rig of two cameras at each position, solved by itself."""
 
@@ -76,6 +84,33 @@ def scan_photogrammetry(scene: Scene, options: PhotogrammetryOptions = Photogram
     features = features_of(target, options, seed)
     cameras = path.T_world_sensor
     return (_solved(target, features, cameras, path.time_s, options, options.min_views, math.radians(options.min_angle_deg), [seed, 0], 0),)
+
+
+def sfm_frame(options: SfmOptions) -> tuple[FloatArray, float]:
+    """(4, 4) pose of the scan's frame in the world, and the scan's lengths per metre: world = T (points / scale).
+
+    Raises InputError where the first two cameras stand in one place and no scale is given.
+    """
+    path = path_of(options, "sfm")
+    require(len(path) >= 2, InputError, f"sensor sfm: positions_m: {len(path)} position: two pictures or more are needed")
+    apart = float(np.linalg.norm(path.T_world_sensor[1][:3, 3] - path.T_world_sensor[0][:3, 3]))
+    says = "sensor sfm: positions_m: the first two cameras stand in one place, so that they give no scale: move one, or give `scale`"
+    require(options.scale > 0 or apart > 0, InputError, says)
+    return path.T_world_sensor[0], options.scale if options.scale > 0 else 1.0 / apart
+
+
+def in_frame(scan: Scan, T_world_frame: FloatArray, scale: float) -> Scan:
+    """The scan in a frame and a scale of its own: all its lengths (points, origins, ranges, deviations) times `scale`."""
+    own = inverse(T_world_frame)
+    cloud, rays = scan.cloud, scan.rays
+    along, across = cloud.sigma_along_m, cloud.sigma_across_m
+    cloud = replace(
+        cloud, points=scale * applied(own, cloud.points), sigma_along_m=None if along is None else scale * along,
+        sigma_across_m=None if across is None else scale * across,
+    )  # fmt: skip
+    if rays is not None:
+        rays = replace(rays, origin=scale * applied(own, rays.origin), direction=rotated(own, rays.direction), range_m=scale * rays.range_m)
+    return replace(scan, cloud=cloud, rays=rays)
 
 
 def scan_stereo(scene: Scene, options: StereoOptions = StereoOptions(), seed: int = 0) -> tuple[Scan, ...]:

@@ -15,11 +15,11 @@ from typing import Any
 from scan2fea.simulation.laser_scanner import TerrestrialOptions, scan_terrestrial
 from scan2fea.simulation.lidar import Hdl32eOptions, LidarOptions, PlanarOptions, Vlp16Options, scan_lidar
 from scan2fea.simulation.line_laser import LineLaserOptions, scan_line_laser
-from scan2fea.simulation.photogrammetry import PhotogrammetryOptions, StereoOptions, scan_photogrammetry, scan_stereo
+from scan2fea.simulation.photogrammetry import PhotogrammetryOptions, SfmOptions, StereoOptions, scan_photogrammetry, scan_stereo, sfm_frame
 from scan2fea.simulation.solids import Scene
 from scan2fea.simulation.stations import StationsOptions, scan_stations
 from scan2fea.simulation.ultrasonic import UltrasonicOptions, scan_ultrasonic
-from scan2fea.types import Scan
+from scan2fea.types import FloatArray, Scan
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,12 +27,14 @@ class Sensor:
     """doc : one line for users.   options : the dataclass of its options.   scan : the verb.
 
     moves : it measures while it travels along its path, so that logs of the way belong to it; otherwise it stands at each position in turn.
+    frame : of a sensor that knows neither the world's frame nor metres: options -> pose of the frame of its files, their lengths per metre.
     """
 
     doc: str
     options: type[Any]
     scan: Callable[[Scene, Any, int], tuple[Scan, ...]]
     moves: bool = False
+    frame: Callable[[Any], tuple[FloatArray, float]] | None = None
 
 
 SENSORS: Mapping[str, Sensor] = {
@@ -51,6 +53,12 @@ SENSORS: Mapping[str, Sensor] = {
     ),
     "photogrammetry": Sensor(
         doc="pictures from two positions or more, solved together: sparse points on texture", options=PhotogrammetryOptions, scan=scan_photogrammetry
+    ),
+    "sfm": Sensor(
+        doc="structure from motion: pictures whose places are not known, the scan in a frame and a scale of its own (truth.json tells both)",
+        options=SfmOptions,
+        scan=scan_photogrammetry,
+        frame=sfm_frame,
     ),
     "stereo": Sensor(doc="a rig of two cameras at each position: sparse points on texture", options=StereoOptions, scan=scan_stereo),
     "ultrasonic": Sensor(

@@ -46,7 +46,7 @@ def _nearest_on_segment(p: FloatArray, t: FloatArray, i: int, j: int, out: Float
 
 
 @jit
-def _nearest_on_triangle(p: FloatArray, t: FloatArray, out: FloatArray, scratch: FloatArray) -> float:
+def nearest_on_triangle(p: FloatArray, t: FloatArray, out: FloatArray, scratch: FloatArray) -> float:
     """Squared distance of p to triangle t (3, 3), degenerate or not; `out` takes the barycentric weights."""
     d00, d01, d11, d20, d21 = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(3):
@@ -101,7 +101,7 @@ def _nearest(points: FloatArray, tri: FloatArray, boxes: FloatArray, start: IntA
     last = 0
     for i in range(n):
         p = points[i]
-        best = _nearest_on_triangle(p, tri[last], trial, scratch) * (1 + 1e-12)  # the answer of the point before bounds the search
+        best = nearest_on_triangle(p, tri[last], trial, scratch) * (1 + 1e-12)  # the answer of the point before bounds the search
         row[i] = last
         weights[i] = trial
         top = 1
@@ -124,7 +124,7 @@ def _nearest(points: FloatArray, tri: FloatArray, boxes: FloatArray, start: IntA
                 top += 2
                 continue
             for j in range(start[node - first_leaf], start[node - first_leaf + 1]):
-                d = _nearest_on_triangle(p, tri[j], trial, scratch)
+                d = nearest_on_triangle(p, tri[j], trial, scratch)
                 if d < best or (d == best and j < row[i]):
                     best = d
                     row[i] = j

@@ -75,7 +75,7 @@ def relax(points: FloatArray, method: Method, *, iterations: int, settled: float
         if method.reconnected(points):
             energy = method.energy(points)
         is_flat = energies[-1] - energy <= FLAT * abs(energies[-1])
-        energies.append(min(energy, energies[-1]))  # what reconnecting leaves unchanged may differ in the last bit
+        energies.append(energy)
         if is_flat:
             why = "flat"
             break

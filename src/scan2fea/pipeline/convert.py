@@ -110,6 +110,7 @@ def _surface(made: Made, source: Tracked[Part], config: Config, record: Record) 
         "remesh", remesh, source_mesh, options=config.remeshing, extra=scale, n_in=len(source_mesh.value.faces), count=lambda r: len(r.mesh.faces)
     )
     moved(made, "remesh", remeshed.value.mesh)
+    made.how.update({"surface_relaxed": remeshed.value.relaxed} if remeshed.value.relaxed else {})
     return Tracked(remeshed.value.mesh, remeshed.key)
 
 

@@ -21,6 +21,7 @@ from scan2fea.remeshing.folds import meshable
 from scan2fea.remeshing.isotropic import RETRIES, Guide, closed, crease_guide, free_form, isotropic, opened, sharp_edges
 from scan2fea.remeshing.planes import Neighbours, scale_of
 from scan2fea.remeshing.relax import near_places, relaxed
+from scan2fea.remeshing.relaxing import KINDS, relaxed_by
 from scan2fea.remeshing.sizing import CHORD, edge_goal
 from scan2fea.types import TriangleMesh, Value
 
@@ -41,6 +42,8 @@ class RemeshOptions:
     edge_m: float | None = option(None, "edge length of the triangles; from the data: twice the point spacing", unit="m", minimum=0)
     max_faces: int = option(10_000, "edges are made longer where the surface would take more faces than this", unit="faces", minimum=100)
     planes: bool = option(True, "find planes, make them exactly flat and their creases straight")
+    relax: str = option("none", "Lloyd or ODT as the last step, sliding on the surface; free: as in the thesis, which wears it off", choices=KINDS)
+    relaxations: int = option(200, "iterations of Lloyd or ODT", minimum=0)
     rounds: int = option(6, "rounds of split, collapse, flip and smooth; 0 leaves the triangles as they are", unit="rounds", minimum=0, maximum=50)
 
 
@@ -48,8 +51,8 @@ class RemeshOptions:
 class Remeshed(Value):
     """mesh : closed, manifold, free of crossings; face_region numbers the planes, -1 is free form.   planes : one per region.
 
-    n_taken_back : rounds undone because faces crossed.   volume_drift : relative change of volume.   moved_p95_m, moved_max_m : of the old vertices
-    from the new surface.
+    n_taken_back : rounds undone because faces crossed.   relaxed : what Lloyd or ODT did, where asked for.
+    volume_drift : relative change of volume.   moved_p95_m, moved_max_m : of the old vertices from the new surface.
     """
 
     mesh: TriangleMesh
@@ -59,6 +62,7 @@ class Remeshed(Value):
     volume_drift: float
     moved_p95_m: float
     moved_max_m: float
+    relaxed: str = ""
 
 
 def remesh(mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spacing_m: float, sigma_m: float) -> Remeshed:
@@ -84,6 +88,8 @@ def remesh(mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spac
         finer, more = _even(flat, planes, FINER * edge, FINER * finest, crease_deg, FINER * drift, options)
         if abs(volume(finer) / volume(flat) - 1) < abs(volume(result) / volume(flat) - 1):
             result, taken_back = finer, taken_back + more
+    result, relaxed_how = relaxed_by(options.relax, result, options.relaxations, drift)
+    planes = () if options.relax.endswith("free") else planes
     result = meshable(on_planes(result, planes))
     if planes and len(self_intersections(result)):
         # planes that cross each other in the noise: free form follows the surface without them
@@ -97,6 +103,7 @@ def remesh(mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spac
         volume_drift=volume(result) / volume(mesh) - 1,
         moved_p95_m=float(np.percentile(moved, 95)),
         moved_max_m=float(moved.max()),
+        relaxed=relaxed_how,
     )
 
 

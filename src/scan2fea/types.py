@@ -256,11 +256,15 @@ class Parameter(Value):
 
 @dataclass(frozen=True, kw_only=True)
 class CatalogueEntry(Value):
-    """A hypothesis about the section and its posterior probability; `parameters` are the dimensions it stands for."""
+    """A hypothesis about the section and its posterior probability; `parameters` are the dimensions it stands for.
+
+    is_standard : the outer dimensions are those of a size of the table.
+    """
 
     name: str
     probability: float
     parameters: Mapping[str, float]
+    is_standard: bool = False
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -305,6 +309,7 @@ class Member(Value):
     covariance : (p, p) of the parameters in their order, metres squared; zero rows where nothing was estimated.
     seen : name of each face of the section -> share of its length that points support.
     families : family -> posterior probability.   damage : significant places only.   change : of the section along the axis, None for a prism.
+    inside : "solid", "hollow", or "unknown" where neither a face from within nor an end told a bar from a tube.
     """
 
     family: str
@@ -322,6 +327,7 @@ class Member(Value):
     catalogue: tuple[CatalogueEntry, ...] = ()
     damage: tuple[Damage, ...] = ()
     change: SectionChange | None = None
+    inside: str = "unknown"
 
     def values(self) -> dict[str, float]:
         """Every dimension by name, metres."""

@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimation.made import SIZES, made
+from estimation.made import made
 from scan2fea.estimation.ends import rough_ends
 from scan2fea.estimation.member import MemberOptions, fit_member
 from scan2fea.estimation.plausible import implausible_price
-from scan2fea.estimation.supported import told_only, unsupported
 from scan2fea.estimation.systematic import face_error, thinned_spacing, widened
 from scan2fea.estimation.table import shipped_table
 from scan2fea.types import PointCloud, Scan
@@ -42,25 +41,6 @@ def test_edges_of_regular_clouds_are_known_to_their_spacing():
 def test_a_pattern_counts_where_it_is_neither_chance_nor_small():
     assert face_error(1e-4, 1e-9, 2e-4) == 1e-4
     assert face_error(1e-4, 0.5, 2e-4) == 0.0 and face_error(1e-5, 1e-9, 2e-4) == 0.0
-
-
-def test_what_was_seen_from_one_side_has_no_thickness():
-    all_seen = dict.fromkeys(("TOP_OUTER", "BOTTOM_OUTER", "TOP_INNER_LEFT", "WEB_LEFT", "WEB_RIGHT"), 1.0)
-    hidden = dict.fromkeys(("TOP_INNER_RIGHT", "BOTTOM_INNER_LEFT", "BOTTOM_INNER_RIGHT"), 0.0)
-    toes = dict.fromkeys(("TOP_TOE_LEFT", "TOP_TOE_RIGHT", "BOTTOM_TOE_LEFT", "BOTTOM_TOE_RIGHT"), 0.0)
-    member = replace(made("I"), seen={**all_seen, **hidden, **toes})
-    assert unsupported(member) == {}
-    girder = replace(member, seen={**member.seen, "TOP_OUTER": 0.0})
-    assert set(unsupported(girder)) == {"tf", "h"}
-    told, why = told_only(girder)
-    assert [p.name for p in told.parameters if not p.observable] == ["h", "tf"] and set(why) == {"tf", "h"}
-    assert not told.covariance[0].any() and told.covariance[1, 1] > 0
-    toe = replace(girder, seen={**girder.seen, "BOTTOM_TOE_LEFT": 0.5})  # on the threshold; 8.5 mm are 17 sigma
-    assert unsupported(toe) == {}
-    assert set(unsupported(replace(toe, sigma_m=0.0009))) == {"tf", "h"}
-    assert set(unsupported(replace(made("L"), seen={"A_INNER": 0.0, "B_INNER": 0.0}))) == {"t"}
-    for family in SIZES:
-        assert unsupported(made(family)) == {}
 
 
 def test_no_rolled_section_is_implausible():

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scan2fea.types import Member, Parameter
+from scan2fea.types import CatalogueEntry, Member, Parameter
 from scan2fea.verification.limits import limits
 from scan2fea.verification.member import member_checks, relative_volume_std
 
@@ -20,7 +20,7 @@ def angle(std_m: float = 1e-4, families: dict[str, float] | None = None, hidden:
     return Member(
         family="L", parameters=told, T_world_member=np.eye(4), bow=np.zeros((2, 0)), twist=np.zeros(0),
         end_normals=np.array([[0.0, 0, -1], [0, 0, 1]]), covariance=np.eye(4) * std_m**2, sigma_m=1e-3, noise="gaussian", outlier_share=0.0,
-        seen={}, families=families or {"L": 1.0},
+        seen={}, families=families or {"L": 1.0}, inside="solid",
     )  # fmt: skip
 
 
@@ -49,6 +49,29 @@ def test_a_wall_in_the_noise_is_refused_unless_it_was_given() -> None:
     assert failed(replace(member, parameters=(*member.parameters[:2], given, member.parameters[3]))) == []
 
 
+def test_a_wall_in_the_noise_of_a_standard_section_is_its_own() -> None:
+    def entries(p: float) -> tuple[CatalogueEntry, ...]:
+        size = CatalogueEntry(name="L160x100x12", probability=p, parameters={}, is_standard=True)
+        return (size, CatalogueEntry(name="no size of the table", probability=1 - p, parameters={}))
+
+    assert failed(replace(angle(hidden=("t",)), catalogue=entries(0.95))) == []
+    assert failed(replace(angle(hidden=("t",)), catalogue=entries(0.949))) == ["member.walls_in_noise"]
+    assert member_checks(angle(hidden=("t",)), True, given=True)[4].passed
+
+
+def test_a_bar_that_may_be_a_tube_is_refused_unless_named() -> None:
+    member = replace(angle(), inside="unknown")
+    assert failed(member) == ["member.inside_unknown"]
+    assert all(check.passed for check in member_checks(member, True, given=True))
+
+
+def test_the_side_of_a_bar_is_no_wall() -> None:
+    sizes = {"b": 0.1, "t": 0.02, "length": 1.0}
+    told = tuple(Parameter(name=n, value_m=v, std_m=None, observable=n != "t", source="fitted") for n, v in sizes.items())
+    bar = replace(angle(), family="rect", parameters=told, covariance=np.zeros((3, 3)), families={"rect": 1.0})
+    assert failed(bar) == ["member.unseen_dimensions"]
+
+
 def test_the_wall_of_a_tube_may_come_from_the_catalogue() -> None:
     sizes = {"d": 0.1, "t": 0.004, "length": 1.0}
     told = tuple(Parameter(name=n, value_m=v, std_m=None, observable=n != "t", source="fitted") for n, v in sizes.items())
@@ -69,6 +92,6 @@ def test_what_was_not_estimated_adds_nothing() -> None:
 
 
 def test_a_wall_without_an_end_is_refused() -> None:
-    assert failed(replace(angle(), seen={"A_TOE": 0.05, "B_TOE": 1.0})) == []
-    assert failed(replace(angle(), seen={"A_TOE": 0.049, "B_TOE": 1.0})) == ["member.open_walls"]
+    assert failed(replace(angle(), seen={"A_TOE": 0.1, "B_TOE": 1.0})) == []
+    assert failed(replace(angle(), seen={"A_TOE": 0.099, "B_TOE": 1.0})) == ["member.open_walls"]
     assert failed(replace(angle(), seen={"A_OUTER": 0.0, "B_OUTER": 1.0})) == ["member.open_walls"]

@@ -75,12 +75,11 @@ def posterior(
         if share[row] >= SMALLEST:
             size = asked.sizes[row, int(by_order[row].argmax())]
             parameters = {name: float(v) for name, v in zip(asked.names, size, strict=True)}
-            entries.append(CatalogueEntry(name=asked.shapes[row].name, probability=float(share[row]), parameters=parameters))
+            entries.append(CatalogueEntry(name=asked.shapes[row].name, probability=float(share[row]), parameters=parameters, is_standard=True))
     if standard is not None:
         outer = " x ".join(f"{1e3 * v:.4g}" for n, v in standard.items() if n not in WALLS)
-        entries.append(
-            CatalogueEntry(name=f"{family} {outer}, another thickness", probability=float(np.exp(wall - total)), parameters={**told, **standard})
-        )
+        name, parameters = f"{family} {outer}, another thickness", {**told, **standard}
+        entries.append(CatalogueEntry(name=name, probability=float(np.exp(wall - total)), parameters=parameters, is_standard=True))
     entries.append(CatalogueEntry(name=OTHER, probability=float(np.exp(other - total)), parameters=told))
     return tuple(sorted(entries, key=lambda entry: -entry.probability))
 

@@ -26,7 +26,7 @@ from scipy.stats import chi2
 from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.jit import jit
 from scan2fea.kernel.noise import noise_sigma, sampled_rows
-from scan2fea.kernel.sections import section, section_area
+from scan2fea.kernel.sections import section
 from scan2fea.types import BoolArray, FloatArray, IntArray, Member, Section, Value
 
 TOLERANCE = 0.01  # of the section's size: mill tolerances
@@ -156,27 +156,6 @@ def _praise(f: Mapping[str, float], member: Member) -> str:
         f"a {member.family} member explains {100 * (1 - f['stray_share']):.1f} % of the points with an rms of {1e3 * f['rms_m']:.3g} mm; "
         f"{100 * f['off_share']:.1f} % of them lie where it is off by more than noise and mill tolerance"
     )
-
-
-def has_closed_caps(points: FloatArray, member: Member, sigma_m: float) -> bool:
-    """Whether the ends of a hollow section are closed: points in its opening, at its end planes, at least a third as dense as on its sides."""
-    shape = section(member.family, member.values())
-    if len(shape.loops) < 2:
-        return False
-    local = sweep_of_member(member).coordinates(points)
-    opening = Section(family=shape.family, loops=(shape.loops[1][::-1],), face_names=(shape.face_names[1],))
-    reach = _STRAY * sigma_m
-    inside = outline_distance(opening, local[:, :2])[0] < -reach
-    length = member.values()["length"]
-    ends = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, length]])
-    at_end = np.stack([np.abs((local - end) @ normal) < reach for end, normal in zip(ends, member.end_normals, strict=True)], 1)
-    corners = shape.loops[1]
-    width = np.maximum(np.ptp(corners, axis=0) - 2 * reach, 0.0)
-    fill = abs(float(section_area(opening))) / float(np.prod(np.ptp(corners, axis=0)))
-    perimeter = float(np.linalg.norm(np.roll(shape.loops[0], -1, axis=0) - shape.loops[0], axis=1).sum())
-    per_area = len(points) / (perimeter * length)
-    expected = per_area * fill * float(np.prod(width))
-    return bool((inside[:, None] & at_end).sum(axis=0).max() > max(10.0, expected / 3))
 
 
 def outline_distance(shape: Section, xy: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:

@@ -14,19 +14,21 @@ import numpy as np
 
 from scan2fea.errors import EstimationError, InputError, UsageError, require
 from scan2fea.estimation.axis import Axis, axes_of, tilted, turned
+from scan2fea.estimation.caps import SOLID, ends_show, inside_of
 from scan2fea.estimation.ends import Ends, find_ends, rough_ends
-from scan2fea.estimation.explain import Explanation, explanation, has_closed_caps, outline_distance
+from scan2fea.estimation.explain import Explanation, explanation, outline_distance
 from scan2fea.estimation.fit import MIN_POINTS, FitOptions, SectionFit, fit_section
 from scan2fea.estimation.given import Given, Told, compared, joint_p_value
 from scan2fea.estimation.initial import starts
 from scan2fea.estimation.likelihood import hull_area
 from scan2fea.estimation.observability import RESOLVED
-from scan2fea.estimation.supported import told_only
 from scan2fea.estimation.swept import Sweep, sweep_of
 from scan2fea.estimation.systematic import face_error, thinned_spacing, widened
+from scan2fea.estimation.two_sided import blended
 from scan2fea.estimation.with_rays import needs_rays, refined
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.noise_kernels import KERNELS
+from scan2fea.kernel.pinned import SEEN, pinned
 from scan2fea.kernel.section_likelihood import face_lengths
 from scan2fea.kernel.sections import PARAMETERS, ROUND, section, section_area
 from scan2fea.options import option
@@ -35,7 +37,9 @@ from scan2fea.types import BoolArray, FloatArray, Member, Parameter, Scan, Value
 _POINTS_PER_DEGREE = 150  # points for each degree of curve that is fitted
 _SOLID = {"RHS": "rect", "C": "rect", "I": "rect", "L": "rect", "T": "rect", "CHS": "round"}
 _BLIND = "the sheet is thinner than two sigma of the noise; it may have been seen from one side only"
-_UNSEEN = 0.01  # points per metre against the densest face: what noise carries over from its neighbours
+_UNSEEN = 0.05  # points per metre against the densest face: what noise carries over from its neighbours
+_REACH = "it is only how far the scan reaches: no two faces that were seen fix it"
+_BLENDED = "its two faces do not stand apart: one face under wider noise explains the points too"
 _UPRIGHT = 2e-3  # slope of the section across its axis above which it is fitted again along it: the fit shears, errors grow as the square
 _RETURNS = 2
 _CROWDED = 0.2  # share of the points that crowd off the member, four times what is allowed
@@ -105,7 +109,7 @@ def fit_member(
     if nominal:
         found = dataclasses.replace(found, given=(*found.given, *_beside(found, nominal)))
     other = _SOLID.get(found.member.family)
-    closed = other in families and has_closed_caps(points, found.member, found.member.sigma_m)
+    closed = other in families and found.member.family in ("RHS", "CHS") and ends_show(points, found.member) == SOLID
     if other in families and (closed or not found.explains):  # from outside a tube and a bar are alike, but a bar's caps are closed
         bar = _swept(points, axes, dataclasses.replace(options, family=other), (other,), fixed or {})
         found = bar if bar.explains else found
@@ -121,7 +125,7 @@ def fit_member(
             method="rays" if by_rays else "density",
             why={} if by_rays else {**found.why, "rays": why_not},
         )
-    return found
+    return dataclasses.replace(found, member=dataclasses.replace(found.member, inside=inside_of(points, found.member)))
 
 
 def _swept(points: FloatArray, axes: tuple[Axis, ...], options: MemberOptions, families: tuple[str, ...], fixed: Mapping[str, float]) -> MemberFit:
@@ -146,7 +150,7 @@ def _swept(points: FloatArray, axes: tuple[Axis, ...], options: MemberOptions, f
     member = dataclasses.replace(member, seen=_seen(fit, told))
     off_m = face_error(told.pattern_m, told.p_value, fit.sigma_m)
     member = widened(member, thinned_spacing(points, options.seed), (ends.low.cap_points, ends.high.cap_points), off_m)
-    member, blind = told_only(member)
+    member, untold = _honest(points, member, options)
     return MemberFit(
         member=member,
         explains=told.explains,
@@ -159,7 +163,7 @@ def _swept(points: FloatArray, axes: tuple[Axis, ...], options: MemberOptions, f
         ends=ends,
         p_fixed=p_fixed,
         given=given,
-        why={**fit.why, **blind, **{name: _BLIND for name in fit.names if _blind_plate(fit, name)}},
+        why={**untold, **fit.why, **{name: _BLIND for name in fit.names if _blind_plate(fit, name)}},
         method="density",
         n_axes=len(axes),
     )
@@ -412,6 +416,20 @@ def _member(sweep: Sweep, fit: SectionFit, ends: Ends, fixed: Mapping[str, float
 def _blind_plate(fit: SectionFit, name: str) -> bool:
     """A sheet thinner than two sigma may have been seen from one side only: what looks like its thickness may be the law of the noise."""
     return fit.family == "rect" and fit.value(name) < RESOLVED * fit.sigma_m if name in fit.names else False
+
+
+def _honest(points: FloatArray, member: Member, options: MemberOptions) -> tuple[Member, Mapping[str, str]]:
+    """The member without the dimensions that rest on how far a face reaches, or on a wall that may be one face; and why each is not observable."""
+    seen = [name for name, share in member.seen.items() if share >= SEEN]
+    fixed = pinned(member.family, seen)
+    one_face = blended(points, member, seen) if options.sigma_error is None else frozenset()
+    fitted = [p.name for p in member.parameters if p.name != "length" and p.source == "fitted" and p.observable]
+    why = {name: _REACH if name not in fixed else _BLENDED for name in fitted if name not in fixed or name in one_face}
+    loose = [k for k, p in enumerate(member.parameters) if p.name in why]
+    covariance = np.array(member.covariance)
+    covariance[loose, :] = covariance[:, loose] = 0.0
+    parameters = tuple(dataclasses.replace(p, std_m=None, observable=False) if p.name in why else p for p in member.parameters)
+    return dataclasses.replace(member, parameters=parameters, covariance=covariance), why
 
 
 def _seen(fit: SectionFit, told: Explanation) -> Mapping[str, float]:

@@ -26,6 +26,7 @@ def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Giv
         "end_normals": np.asarray(member.end_normals).tolist(),
         "residual": {"sigma_m": member.sigma_m, "noise": member.noise, "outlier_share": member.outlier_share},
         "seen": dict(member.seen),
+        "inside": member.inside,
         "p_fixed": p_fixed,
         "given": [
             {

@@ -30,13 +30,15 @@ def choose_route(made: Made, source: Tracked[Part], config: Config, record: Reco
     if part.mesh is not None or mode == RECONSTRUCTION:
         made.route = Route(name="reconstruction", reason=GIVEN if part.mesh is not None else ASKED)
         return None
-    scan, known = Tracked(part.scan, source.key), {"route": config.route, "known": own_section(config.object, part.id)}
+    own = own_section(config.object, part.id)
+    scan, known = Tracked(part.scan, source.key), {"route": config.route, "known": own}
     found = record("estimate", estimate, scan, options=config.estimation, extra=known, n_in=len(part.scan.cloud), count=_n_told)
     made.estimate, made.route = found.value, route_of(found.value, mode)
     member = made.member
     if member is None:
         return None
-    checks = (*member_checks(member, found.value.explains), *given_checks(found.value.n_contradicted))
+    named = bool(config.route.member or config.estimation.family or (own is not None and own.family))
+    checks = (*member_checks(member, found.value.explains, given=named), *given_checks(found.value.n_contradicted))
     failed = [check for check in checks if not check.passed]
     if failed and mode != ESTIMATION:
         denied = contradictions(found.value.given)

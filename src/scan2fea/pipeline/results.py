@@ -17,6 +17,7 @@ from scan2fea.io import RawScan
 from scan2fea.io.files import sha256_of
 from scan2fea.kernel.coverage import area_shares
 from scan2fea.kernel.measures import area, tet_volumes, volume
+from scan2fea.kernel.pinned import SEEN
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.quality import summary, surface_quality, tet_quality
 from scan2fea.kernel.topology import surface_topology
@@ -26,7 +27,6 @@ from scan2fea.pipeline.member_rows import member_row
 from scan2fea.pipeline.part import Made
 from scan2fea.pipeline.scene import Scene
 from scan2fea.types import Brep, Check, FEModel, FEResult, Member, Segments, TetMesh, TriangleMesh
-from scan2fea.verification.member import SEEN
 from scan2fea.verification.verdict import verdict
 
 SCHEMA = 1

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from scan2fea.kernel.pinned import SEEN
 from scan2fea.kernel.sections import section, section_area, section_area_slopes
 from scan2fea.types import Check, Member
 from scan2fea.verification.limits import at_least, at_most
@@ -18,19 +19,23 @@ TOES = {
     "C": (("BOTTOM_TOE", "TOP_TOE"), ("WEB_OUTER",)),
     "T": (("WEB_TOE",), ("FLANGE_TOE_RIGHT",), ("FLANGE_TOE_LEFT",)),
 }
-SEEN = 0.05  # of its length: less is no face that was seen
-WALLS = ("t", "tw", "tf")  # may come from the catalogue; the verdict then says so
+WALLS = ("t", "tw", "tf")  # may come from the catalogue; the verdict then says so. The sides of a bar are no walls.
+STANDARD = 0.95  # probability at which the outer dimensions are those of a standard section
 
 
-def member_checks(member: Member, explains: bool) -> tuple[Check, ...]:
-    """The points are explained, the family is not in doubt, the outer dimensions were seen, and the volume is known."""
-    unseen = sum(not p.observable for p in member.parameters if p.name not in WALLS)
+def member_checks(member: Member, explains: bool, *, given: bool = False) -> tuple[Check, ...]:
+    """The points are explained, the family is not in doubt, the outer dimensions were seen, the inside is known, and so is the volume.
+
+    given : the user named the family: then a bar is no tube, and a thin wall is no bar that was half seen.
+    """
+    unseen = sum(not p.observable for p in member.parameters if p.name not in WALLS or member.family == "rect")
     return (
         at_most("member.unexplained", int(not explains)),
         at_least("member.family", member.families.get(member.family, 1.0)),
         at_most("member.unseen_dimensions", unseen),
-        at_most("member.open_walls", open_walls(member)),
-        at_most("member.walls_in_noise", walls_in_noise(member)),
+        at_most("member.open_walls", 0 if given else open_walls(member)),
+        at_most("member.walls_in_noise", 0 if given else walls_in_noise(member)),
+        at_most("member.inside_unknown", int(member.inside == "unknown" and not given)),
         at_most("member.volume_std", relative_volume_std(member)),
     )
 
@@ -42,8 +47,18 @@ def open_walls(member: Member) -> int:
 
 
 def walls_in_noise(member: Member) -> int:
-    """Walls of an open section that the points do not tell: two sides of a solid bar, seen through as much noise, look like such an angle."""
-    return sum(not p.observable for p in member.parameters if p.name in WALLS) if member.family in TOES else 0
+    """Walls of an open section that the points do not tell: two sides of a solid bar, seen through as much noise, look like such an angle.
+
+    Outer dimensions that are those of a standard section speak for that section: bars have other proportions.
+    """
+    if member.family not in TOES or _is_standard(member):
+        return 0
+    return sum(not p.observable for p in member.parameters if p.name in WALLS)
+
+
+def _is_standard(member: Member) -> bool:
+    """Whether the catalogue leaves little room for outer dimensions that are none of its own."""
+    return bool(member.catalogue) and sum(entry.probability for entry in member.catalogue if not entry.is_standard) <= 1 - STANDARD
 
 
 def relative_volume_std(member: Member) -> float:

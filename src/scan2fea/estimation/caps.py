@@ -1,0 +1,58 @@
+"""Solid or hollow: what is known of the inside of a bar or a tube.
+
+From outside both are alike. The inner face tells, where it was seen; else the end planes do: a cap that was scanned is full or a ring.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scan2fea.estimation.explain import outline_distance
+from scan2fea.estimation.swept import sweep_of_member
+from scan2fea.kernel.sections import section, section_area
+from scan2fea.types import FloatArray, Member, Section
+
+SOLID, HOLLOW, UNKNOWN = "solid", "hollow", "unknown"
+FLATTEST_TUBE = 4.0  # h / b: nine in ten rectangular tubes of sections.csv are at most 3; flatter is a plate
+_DEEP = 4.0  # sigma below a face: one point of a side in 30,000 gets there
+_THICKEST = 0.25  # of the smaller side: no wall is thicker (sections.csv: 0.18 at most), so the ring of a tube's cap stays out of the core
+_NEAR = 0.002  # of the length: what an end plane is good to where the noise is less
+_CAP, _LEAST = 1 / 3, 10.0  # a cap that was scanned is at least that dense against the sides, and shows that many points
+_EMPTY = 0.1  # of a full cap
+
+
+def inside_of(points: FloatArray, member: Member) -> str:
+    """SOLID, HOLLOW or UNKNOWN. points : (n, 3) metres, of the member. Open sections show their walls, and a plate is no tube: solid."""
+    values = member.values()
+    if member.family not in ("rect", "round", "RHS", "CHS"):
+        return SOLID
+    if member.family == "rect" and max(values["b"], values["t"]) > FLATTEST_TUBE * min(values["b"], values["t"]):
+        return SOLID
+    if any(p.name == "t" and p.observable for p in member.parameters) and member.family in ("RHS", "CHS"):
+        return HOLLOW
+    return ends_show(points, member)
+
+
+def ends_show(points: FloatArray, member: Member) -> str:
+    """What the points at the two end planes show: a full cap, a ring about an empty middle, or neither."""
+    outline, length = section(member.family, member.values()).loops[0], member.values()["length"]
+    narrow = float(np.ptp(outline, axis=0).min())
+    skin = _DEEP * member.sigma_m
+    core = max(skin, _THICKEST * narrow)
+    shape = Section(family=member.family, loops=(outline,), face_names=(("",) * len(outline),))
+    local = sweep_of_member(member).coordinates(points)
+    depth = -outline_distance(shape, local[:, :2])[0]
+    reach = max(skin, _NEAR * length)
+    full, ring = [], []
+    for z, normal in zip((0.0, length), member.end_normals, strict=True):
+        away = np.abs((local - np.array([0.0, 0.0, z])) @ normal)
+        here, beside = away < reach, np.abs(away - 2 * reach) < reach / 2  # as much space, beside the end plane: clutter
+        full.append(int((here & (depth > core)).sum()) - int((beside & (depth > core)).sum()))
+        ring.append(int((here & (depth > skin)).sum()) - int((beside & (depth > skin)).sum()))
+    perimeter = float(np.linalg.norm(np.roll(outline, -1, axis=0) - outline, axis=1).sum())
+    left = np.maximum(1 - 2 * core / np.ptp(outline, axis=0), 0.0)
+    expected = float((np.abs(depth) < skin).sum()) / (perimeter * length) * section_area(shape) * float(np.prod(left))
+    if max(full) > max(_LEAST, _CAP * expected):
+        return SOLID
+    best = int(np.argmax(ring))
+    return HOLLOW if ring[best] > _LEAST and _CAP * expected > _LEAST and full[best] < _EMPTY * expected else UNKNOWN

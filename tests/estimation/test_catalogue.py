@@ -5,9 +5,9 @@ import pytest
 
 from estimation.made import made
 from scan2fea.errors import InputError, UsageError
-from scan2fea.estimation.catalogue import OTHER, posterior, prior_thickness
+from scan2fea.estimation.catalogue import OTHER, posterior, prior_thickness, standard_odds
 from scan2fea.estimation.catalogued import catalogued
-from scan2fea.estimation.table import parse_table, read_table, shipped_table
+from scan2fea.estimation.table import Table, parse_table, read_table, shipped_table
 from scan2fea.kernel.outline import outline, outline_area
 from scan2fea.types import Parameter
 
@@ -145,3 +145,12 @@ def test_bad_questions():
         posterior("L", {"a": 0.1, "b": 0.1, "t": 0.01}, np.eye(2), {}, TABLE)
     with pytest.raises(UsageError, match="no dimension of the L was observed"):
         prior_thickness("L", {"a": 0.1, "b": 0.1, "t": 0.01}, np.eye(3), dict.fromkeys("abt", False), TABLE)
+
+
+def test_standard_outer_dimensions_speak_for_the_family():
+    """L5x5 is in the table: its dimensions are likelier for an angle than for anything; others are a little less likely than without a table."""
+    inch = 0.0254
+    assert standard_odds("L", {"a": 5 * inch, "b": 5 * inch, "t": 0.001}, 5e-4) > 20
+    assert standard_odds("L", {"a": 0.1311, "b": 0.0573, "t": 0.001}, 2e-4) == pytest.approx(0.4, abs=0.05)
+    assert standard_odds("L", {"b": 5 * inch, "t": 0.05, "a": 5 * inch}, 5e-4) == standard_odds("L", {"a": 5 * inch, "b": 5 * inch, "t": 0.001}, 5e-4)
+    assert standard_odds("round", {"d": 0.05}, 1e-4, Table(shapes=(), source="none")) == 1.0

@@ -115,6 +115,21 @@ def prior_thickness(
     return _conditioned(asked, hidden, assumed, np.maximum(width, WALL_SHARE * assumed), name)
 
 
+def standard_odds(family: str, values: Mapping[str, float], std_m: float, table: Table | None = None) -> float:
+    """How much likelier the outer dimensions are when standard sections are more common than others (Bayes factor against "anything goes").
+
+    values : estimates, metres, each with the standard deviation std_m. 1 where the table has no section of the family.
+    """
+    outer = {name: name not in WALLS or family == "rect" for name in PARAMETERS[family]}
+    asked = _question(family, values, np.eye(len(values)) * std_m**2, outer, table)
+    if not asked.shapes or not asked.known:
+        return 1.0
+    by_order = _log_sizes(asked)
+    standard = float(np.logaddexp.reduce(by_order.ravel())) - math.log(by_order.size)
+    gain = standard - _log_free(asked, asked.known)
+    return PRIOR_OTHER + (1 - PRIOR_OTHER) * math.exp(min(gain, 50.0))
+
+
 def _middle(at: FloatArray, weight: FloatArray) -> int:
     """The row whose weighted distance to all others is least."""
     worth = np.flatnonzero(weight > 1e-6)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from scan2fea.estimation.catalogue import OTHER, PriorThickness, posterior, prior_thickness
+from scan2fea.estimation.catalogue import OTHER, PriorThickness, posterior, prior_thickness, standard_odds
 from scan2fea.estimation.table import Table, shipped_table
 from scan2fea.kernel.sections import PARAMETERS
 from scan2fea.types import CatalogueEntry, Member, Parameter
@@ -31,6 +32,20 @@ def catalogued(member: Member, table: Table | None = None) -> Member:
         return replace(member, catalogue=entries)
     prior = prior_thickness(member.family, values, covariance, known, sizes)
     return replace(_built_with(member, prior, known), catalogue=_with_prior(entries, prior))
+
+
+def with_standard_odds(member: Member, alternatives: Mapping[str, Mapping[str, float]], table: Table | None = None) -> Member:
+    """The member whose families' posterior knows which outer dimensions are standard: an angle of 5 x 5 in is likelier than a bar of that size.
+
+    Only where a wall is not observable, since then families look alike.   alternatives : family -> dimensions of its best fit, metres.
+    """
+    told = [p.std_m for p in member.parameters if p.observable and p.std_m is not None and p.name in PARAMETERS[member.family]]
+    if all(p.observable for p in member.parameters) or not told:
+        return member
+    odds = {family: standard_odds(family, values, max(told), table) for family, values in alternatives.items() if member.families.get(family, 0) > 0}
+    weight = {family: p * odds.get(family, 1.0) for family, p in member.families.items()}
+    total = sum(weight.values())
+    return replace(member, families={family: w / total for family, w in sorted(weight.items(), key=lambda item: -item[1])})
 
 
 def _built_with(member: Member, prior: PriorThickness, known: dict[str, bool]) -> Member:

@@ -9,14 +9,16 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from scan2fea.errors import EstimationError, InputError
-from scan2fea.estimation.catalogued import catalogued
+from scan2fea.estimation.catalogued import catalogued, with_standard_odds
 from scan2fea.estimation.damage import damages
 from scan2fea.estimation.designation import parse_designation
+from scan2fea.estimation.fit import SectionFit
 from scan2fea.estimation.given import Given, contradictions
 from scan2fea.estimation.member import MemberFit, MemberOptions, fit_member
 from scan2fea.estimation.resting import rested
 from scan2fea.estimation.table import Table, read_table
 from scan2fea.kernel.noise import spacing
+from scan2fea.kernel.sections import PARAMETERS
 from scan2fea.options import option
 from scan2fea.types import Member, Route, Scan, Value
 
@@ -77,10 +79,18 @@ def estimate(scan: Scan, options: MemberOptions, route: RouteOptions, known: Kno
         member = rested(member, scan.cloud.points[inferred], spacing(scan.cloud.points[~inferred]))
     if not any(p.observable or p.source == "fixed" for p in member.parameters if p.name != "length"):
         return Estimate(member=None, explains=False, reason=f"no dimension of a {member.family} member was seen")
+    if fit.method == "density":
+        member = with_standard_odds(member, alternatives(fit.section), table)
     member = catalogued(member, table)
     if fit.explains:
         member = replace(member, damage=damages(scan.cloud.points, member, member.sigma_m, options.seed))
     return Estimate(member=member, explains=fit.explains, reason=_reason(fit), p_fixed=fit.p_fixed, given=fit.given)
+
+
+def alternatives(fit: SectionFit) -> Mapping[str, Mapping[str, float]]:
+    """Family -> dimensions of its best hypothesis."""
+    best = {c.family: c for c in sorted(fit.candidates, key=lambda c: -c.bic)}
+    return {name: dict(zip(PARAMETERS[name], c.layout.values(c.theta).tolist(), strict=True)) for name, c in best.items()}
 
 
 def table_of(route: RouteOptions) -> Table | None:

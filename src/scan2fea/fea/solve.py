@@ -14,10 +14,11 @@ from scan2fea.fea.linear import inverses
 from scan2fea.fea.member_cases import member_cases
 from scan2fea.fea.modes import GUARD, Modes, Products, first_guess, from_strains, lobpcg
 from scan2fea.fea.options import FeaOptions
+from scan2fea.fea.p_error import energy_of_error
 from scan2fea.fea.restrain import rigid_fields
 from scan2fea.fea.static import Statics, figure, solve_cases
 from scan2fea.fea.strain import energies
-from scan2fea.types import CaseResult, FEModel, FEResult, FloatArray, Member
+from scan2fea.types import BoolArray, CaseResult, FEModel, FEResult, FloatArray, Member
 
 N_RIGID = 6
 SHIFT = 0.1  # of the estimate of the first elastic eigenvalue
@@ -61,13 +62,30 @@ def _modal(model: FEModel, system: System, tree: Tree | None, options: FeaOption
     return cases, frequencies, elastic * (sign / length)[:, None, None], solver
 
 
+def _discretisation(model: FEModel, weight: FloatArray, mode: FloatArray, hertz: float, held: BoolArray) -> tuple[CaseResult, ...]:
+    """What a cubic solution on the same mesh would change: of the energy of the self weight, of the first elastic frequency. None of first order."""
+    mesh, material = model.mesh, model.material
+    if mesh.order == 1 or not hertz > 0:
+        return ()
+    body = material.density_kg_m3 * model.acceleration_m_s2 * np.ones((1, len(mesh.nodes), 1))
+    by_weight = float(energy_of_error(mesh, material, weight[None], body, held)[0])
+    inertia = material.density_kg_m3 * (2 * np.pi * hertz) ** 2 * mode[None]
+    by_mode = float(energy_of_error(mesh, material, mode[None], inertia, np.zeros_like(held))[0])
+    total = np.diag(energies(mesh, material, np.stack([weight, mode])))
+    return (
+        figure("self_weight", "discretisation", "share", by_weight / total[0]),
+        figure("modal", "f7_discretisation", "share", by_mode / (2 * total[1])),
+    )
+
+
 def solve(model: FEModel, options: FeaOptions = FeaOptions(), member: Member | None = None, root_radius_m: float = 0.0) -> FEResult:
     """Self weight and the user's cases on the supports, the modes of the free body, and of a member the cases that have closed forms.
 
     Cases: `self_weight` (displacement_max_m; reaction_n against rho g times the volume inside the surface; strain_energy_j from the strains against
     half the work of the load; stress_p99_pa, the von Mises stress that 99 % of the volume stays below; stress_peak_pa outside the elements at
     singular places, stress_peak_jump its difference to the mean at the nodes; residual), each case of the user alike, `modal` (f7_hz ...;
-    rigid_max_hz against 0, relative to f7; residual), `mass` (mass_kg against rho times that volume), and see `member_cases`.
+    rigid_max_hz against 0, relative to f7; residual), `mass` (mass_kg against rho times that volume), and see `member_cases`. `discretisation` and
+    `f7_discretisation`: by how much a cubic solution on the same mesh would change the energy and f7 (`p_error`).
 
     Raises SolveError: too many degrees of freedom, inside-out elements, a part that nothing holds, no convergence of the self weight or the modes.
     """
@@ -80,11 +98,11 @@ def solve(model: FEModel, options: FeaOptions = FeaOptions(), member: Member | N
     tree = None if options.solver == "amg" else dissect(np.array(mesh.nodes), np.array(system.indptr), np.array(system.indices))
     statics = Statics(model, system, tree, options)
     rows, fields, failed, static_solver = solve_cases(statics)
-    singular = statics.singular.nodes
+    singular, held = statics.singular.nodes, np.asarray(statics.held.all(axis=1))
     del statics  # its factors need memory that the modes want too
     modal, frequencies, shapes, modal_solver = _modal(model, system, tree, options)
     mass = figure("mass", "mass_kg", "kg", float(system.mass.sum()), material.density_kg_m3 * surface_volume(mesh.nodes, mesh.boundary))
-    cases = [*rows, *modal, mass]
+    cases = [*rows, *modal, *_discretisation(model, fields[0].displacement_m, shapes[0], float(frequencies[N_RIGID]), held), mass]
     if member is not None:
         try:
             cases, more = member_cases(model, system, tree, member, root_radius_m, cases, options)

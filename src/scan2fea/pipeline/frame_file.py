@@ -7,11 +7,21 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from scan2fea.estimation.frame import frame, frame_rows
+from scan2fea.fea import FeaOptions
+from scan2fea.fea.wireframe import FrameModel, FrameResult, frame_model, solve_frame
 from scan2fea.io import write_text
 from scan2fea.pipeline.results import finite_tree
 from scan2fea.types import Member
 
-FRAME = "frame.json"
+FRAME, FRAME_DECK = "frame.json", "assembly_beam.inp"
+
+
+def frame_of(members: Sequence[Member], options: FeaOptions) -> tuple[FrameModel, FrameResult]:
+    """The members as one connected model of beams, solved. Raises StageError or UsageError."""
+    wire = frame(members)
+    sections = [(str(row["family"]), {str(k): float(v) for k, v in row["parameters_m"].items()}) for row in wire.section_rows]
+    model = frame_model(wire.nodes, wire.elements, wire.member, wire.up, sections, wire.sections, options)
+    return model, solve_frame(model)
 
 
 def write_frame(out: Path, members: Sequence[Member], names: Sequence[str]) -> bool:

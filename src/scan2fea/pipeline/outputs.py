@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,13 +11,15 @@ from typing import Any
 import numpy as np
 
 from scan2fea.cad import assembly
+from scan2fea.errors import StageError, UsageError
 from scan2fea.fea import write_bdf, write_inp
+from scan2fea.fea.wireframe import frame_result_rows, write_frame_inp
 from scan2fea.io import write_cloud_ply, write_mesh_ply, write_msh, write_stl, write_text, write_vtu
 from scan2fea.io.artifacts import load
 from scan2fea.kernel.coverage import face_origin
 from scan2fea.kernel.quality import tet_quality
 from scan2fea.pipeline.config import Config
-from scan2fea.pipeline.frame_file import FRAME, write_frame
+from scan2fea.pipeline.frame_file import FRAME, FRAME_DECK, frame_of, write_frame
 from scan2fea.pipeline.member_rows import member_row
 from scan2fea.pipeline.part import Made
 from scan2fea.pipeline.results import finite_tree
@@ -47,11 +50,23 @@ def write_assembly(out: Path, keep: Path, objects: Sequence[Mapping[str, Any]]) 
         write_text(out / "assembly.step", assembly(breps, [f"OBJECT_{number:02d}" for number in converted], colours))
 
 
-def write_members(out: Path, keep: Path, objects: Sequence[Mapping[str, Any]]) -> None:
-    """OUT/frame.json: the axes of the converted members, joined where they meet. Not written where there is none."""
-    (out / FRAME).unlink(missing_ok=True)
+def write_members(out: Path, keep: Path, objects: Sequence[Mapping[str, Any]], config: Config) -> dict[str, Any] | None:
+    """OUT/frame.json: the axes of the converted members, joined where they meet, and OUT/assembly_beam.inp: the same as one model of beams.
+
+    Returns what that model answers, for report.json; None where there is no member. One that cannot be solved says why.
+    """
+    for name in (FRAME, FRAME_DECK):
+        (out / name).unlink(missing_ok=True)
     built = [row["id"] for row in objects if row["verdict"] == "converted" and row["route"] == ESTIMATION]
-    write_frame(out, [load(keep / f"{number:02d}" / MEMBER) for number in built], [f"OBJECT_{number:02d}" for number in built])
+    members = [load(keep / f"{number:02d}" / MEMBER) for number in built]
+    if not write_frame(out, members, [f"OBJECT_{number:02d}" for number in built]):
+        return None
+    try:
+        model, result = frame_of(members, config.fea)
+    except (StageError, UsageError) as error:
+        return {"failed": str(error)}
+    write_text(out / FRAME_DECK, write_frame_inp(model, unit_system(config.export.units)))
+    return frame_result_rows(model, result)
 
 
 def write_object(made: Made, folder: Path, config: Config) -> list[str]:
@@ -83,6 +98,9 @@ def write_object(made: Made, folder: Path, config: Config) -> list[str]:
     if made.model is not None:
         write_text(folder / "model.inp", write_inp(made.model, units))
         write_text(folder / "model.bdf", write_bdf(made.model, units))
+    if made.model is not None and made.member is not None:
+        with contextlib.suppress(StageError):  # of a member that is no straight beam there is none; its solid stands by itself
+            write_text(folder / "model_beam.inp", write_frame_inp(frame_of([made.member], config.fea)[0], units))
     return sorted(path.name for path in folder.iterdir() if path.is_file())
 
 

@@ -25,7 +25,7 @@ from scan2fea.pipeline.labels import edited, labels_text, read_rows
 from scan2fea.pipeline.objects import convert_all, parts_of
 from scan2fea.pipeline.outputs import write_assembly, write_members
 from scan2fea.pipeline.record import KEEP, Record, Say, Tracked, key_of
-from scan2fea.pipeline.results import assumed_unit, input_row, run_report
+from scan2fea.pipeline.results import assumed_unit, finite_tree, input_row, run_report
 from scan2fea.pipeline.route import known_section, table_of
 from scan2fea.pipeline.scene import Scene, clean, place_all, segment
 from scan2fea.segmentation import select
@@ -63,8 +63,9 @@ def run(
             log({"event": "note", "object": None, "text": text})
         objects, stages = convert_all(parts, out, replace(config, object=named), resume, log)
         write_assembly(out, out / KEEP / "objects", objects)
-        write_members(out, out / KEEP / "objects", objects)
+        frame = write_members(out, out / KEEP / "objects", objects, config)
         report = run_report(config, command, rows, scene.value, segments, record.stages + stages, objects, chosen.notes)
+        report |= {} if frame is None else {"frame_model": finite_tree(frame)}
         _write_text(out / "report.json", json.dumps(report, indent=1, allow_nan=False) + "\n")
     return report
 

@@ -11,6 +11,7 @@ from scan2fea.report.markup import NOTHING, Html, figure_cell, table, tag
 from scan2fea.report.member import member_section
 from scan2fea.report.optimised import optimised_block
 from scan2fea.report.parts import anchor, badge, downloads, facts, mark, picture, quality_table, section
+from scan2fea.report.response import response_section, stress_figure
 from scan2fea.report.saved import Geometry
 from scan2fea.report.solids import Solid, cut_figure, displacement_figure, mode_figure, quality_charts, worst_elements, worst_figure
 from scan2fea.report.words import (
@@ -21,7 +22,6 @@ from scan2fea.report.words import (
     first_frequency_hz,
     is_number,
     mass_kg,
-    measure_name,
     measured_share,
     millimetres,
     number,
@@ -49,7 +49,7 @@ def object_section(item: Item, place: int, made: Geometry, files: Sequence[str],
         _facts(item, made.size_m),
         tag("div", *pictures, class_="pictures") if pictures else NOTHING,
         tag("div", *charts, class_="charts") if charts else NOTHING,
-        tag("div", member_section(item), _checks(item), _response(item), _shape(item), _mesh(item, made.solid), _drift(item), class_="parts"),
+        tag("div", member_section(item), _checks(item), response_section(item), _shape(item), _mesh(item, made.solid), _drift(item), class_="parts"),
         tag("p", "Files: ", downloads(files), class_="files"),
         id=anchor(place),
         class_="object",
@@ -72,7 +72,7 @@ def _pictures(item: Item, made: Geometry, width_px: int) -> tuple[list[Html], li
     if solid is not None and len(solid.tets):
         frequencies = [*((item.get("fea") or {}).get("frequencies_hz") or [first_frequency_hz(item)]), None, None, None]
         modes = [mode_figure(solid, camera, k + 1, frequencies[k]) for k in range(SHOWN_MODES)]
-        drawn = (cut_figure(solid, camera), worst_figure(solid, camera), displacement_figure(solid, camera), *modes)
+        drawn = (cut_figure(solid, camera), worst_figure(solid, camera), displacement_figure(solid, camera), stress_figure(solid, camera), *modes)
         figures += [figure for figure in drawn if figure is not None]
         charts += quality_charts(solid)
     return [picture(figure) for figure in figures], charts
@@ -120,25 +120,6 @@ def _checks(item: Item) -> Html:
         rows.append([check_name(check.get("name")), *cells, mark(check.get("passed"))])
     classes = ["" if check.get("passed") else "bad-row" for check in checks]
     return section("Checks", table(("check", "value", "limit", "result"), rows, row_classes=classes), class_="part checks") if rows else NOTHING
-
-
-def _response(item: Item) -> Html:
-    """The load cases: what was computed, what was expected, by how much they differ."""
-    rows = []
-    for case in (item.get("fea") or {}).get("cases") or []:
-        unit, value, std = str(case.get("unit") or ""), case.get("value"), case.get("std")
-        shown = quantity(value, unit) + (f" \u00b1 {quantity(std, unit)}" if is_number(std) else "")
-        cells = [
-            figure_cell(shown, "value"),
-            figure_cell(quantity(case.get("expected"), unit), "expected"),
-            figure_cell(percent(case.get("relative_error")), "error"),
-        ]
-        rows.append([f"{check_name(case.get('name'))}: {measure_name(case.get('measure'))}", *cells])
-    frequencies = [f"{number(f)} Hz" for f in (item.get("fea") or {}).get("frequencies_hz") or [] if is_number(f)][:6]
-    modes = tag("p", f"Elastic frequencies of the free body: {', '.join(frequencies)}.") if frequencies else NOTHING
-    solver = (item.get("fea") or {}).get("solver")
-    told = tag("p", f"Solved by: {solver}; {count(item['fea'].get('dof'))} unknowns.") if solver else NOTHING
-    return section("Response", table(("load case: measure", "value", "expected", "error"), rows), modes, told) if rows else NOTHING
 
 
 def _shape(item: Item) -> Html:

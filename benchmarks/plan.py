@@ -1,6 +1,6 @@
 """Does a plan come true? Its bounds against the scatter of fits to simulated scans of the same scene, member by member.
 
-    python benchmarks/plan.py [--fits 50] [--members L,I,C,rect]
+    python benchmarks/plan.py [--fits 50] [--members L,I,C,rect,T] [--first-seed 0]
 
 Prints, per member and dimension: planned standard deviation, scatter of the fits, their ratio (50 fits know a scatter to 10 %), and the mean error.
 """
@@ -25,6 +25,7 @@ MEMBERS = {
     "I": 'h = "200 mm"\nb = "100 mm"\ntw = "8 mm"\ntf = "12 mm"',
     "C": 'h = "140 mm"\nb = "60 mm"\ntw = "8 mm"\ntf = "11 mm"',
     "rect": 'b = "100 mm"\nt = "30 mm"',
+    "T": 'h = "120 mm"\nb = "150 mm"\ntw = "10 mm"\ntf = "14 mm"',
 }
 SCENE = """
 [[object]]
@@ -44,6 +45,7 @@ def main() -> None:
     given = argparse.ArgumentParser(description=__doc__)
     given.add_argument("--fits", type=int, default=50)
     given.add_argument("--members", default=",".join(MEMBERS))
+    given.add_argument("--first-seed", type=int, default=0)
     chosen = given.parse_args()
     n = chosen.fits
     for family in chosen.members.split(","):
@@ -52,7 +54,7 @@ def main() -> None:
         solid, sensor = scene.scene.solids[0], scene.sensors[0]
         planned = {d.name: d for d in plan_scene(scene).objects[0].dimensions}
         fits = []
-        for seed in range(n):
+        for seed in range(chosen.first_seed, chosen.first_seed + n):
             scans = SENSORS[sensor.kind].scan(scene.scene, sensor.options, seed)
             points = np.concatenate([scan.cloud.points for scan in scans])
             fit = fit_section(applied(inverse(solid.T_world_shape), points), FitOptions(families=(family,), seed=seed))

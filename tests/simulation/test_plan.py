@@ -154,3 +154,19 @@ def test_noise_along_the_rays_is_felt_along_them_alone():
     felt = math.sqrt(along_y * 0.75 + (1 - along_y) * 0.25)
     assert told["t"] == pytest.approx(bounds_from_points("L", values, points, 0.002 * felt)["t"], rel=0.02)
     assert told["length"] < 0.5 * bounds_from_points("L", values, points, 0.002)["length"]
+
+
+def test_a_face_that_rays_run_into_feels_all_their_noise():
+    """A bar lit square to each of its faces: the mean over all faces would be 0.7 of the noise, but each width is told by the two faces across it."""
+    values = {"b": 0.1, "t": 0.03, "length": 1.0}
+    shape = KINDS["rect"].build(values, 1e-4)
+    bar = Solid(name="bar", shape=shape, T_world_shape=rigid(np.eye(3), [0, 0, 0]), mesh=posed(shape.mesh, np.eye(4)), volume_m3=1.0)
+    points, _ = sampled_solid(bar, SamplingOptions(spacing_m=0.005), 0)
+    on_x = np.abs(np.abs(points[:, 0]) - 0.05) < 1e-9
+    rays = np.where(on_x[:, None], -np.sign(points) * [1.0, 0, 0], -np.sign(points) * [0, 1.0, 0])
+    square, even = bounds_from_points("rect", values, points, 0.002, along=rays), bounds_from_points("rect", values, points, 0.002)
+    for name in ("b", "t"):
+        assert square[name] == pytest.approx(even[name], rel=1e-9)
+    one_side = points[~on_x]  # the two narrow faces unseen: b by the ends of the wide faces alone, along which these rays do not run
+    told = bounds_from_points("rect", values, one_side, 0.002, along=rays[~on_x])
+    assert told["b"] < 0.5 * bounds_from_points("rect", values, one_side, 0.002)["b"]

@@ -115,23 +115,30 @@ def bounds_from_points(
 
 
 def _felt(family: str, names: Sequence[str], where: Located, along: FloatArray) -> dict[str, float]:
-    """Root mean square of the part of a unit noise along the rays that each dimension feels."""
+    """Root mean square of the part of a unit noise along the rays that each dimension feels: what goes through the faces that tell it.
+
+    A face is mostly seen by rays that run into it, so that the mean over all faces would be too small for each. A dimension along x or y is told by
+    the faces across it, the thickness of an angle or a tube by all. Where none of those faces is seen, by the ends of the others: the part along it.
+    """
     side = where.face >= 0
     ray, normal = along[side], where.normal[side]
-    through = float(np.sqrt(np.mean((ray[:, :2] * normal).sum(axis=1) ** 2)))
-    across = np.sqrt(np.mean(ray**2, axis=0))
-    felt = {"length": float(across[2])}
+    through = (ray[:, :2] * normal).sum(axis=1) ** 2
+    across = np.mean(ray**2, axis=0)
+    felt = {"length": math.sqrt(across[2])}
     for name in PARAMETERS[family]:
-        if name in WALLS or family in ROUND:
-            felt[name] = through
+        axis = _AXIS.get(family, {}).get(name)
+        if axis is None:
+            felt[name] = math.sqrt(np.mean(through))
         else:
-            felt[name] = float(across[_AXIS[family][name]])
+            weight = normal[:, axis] ** 2
+            felt[name] = math.sqrt(weight @ through / weight.sum() if weight.sum() >= LEAST_POINTS else across[axis])
     return {name: max(felt[name], _LEAST_FELT) for name in names}
 
 
 _LEAST_FELT = 0.1  # of the noise: no scan is so square to everything
-_AXIS: Mapping[str, Mapping[str, int]] = {  # of each width: 0 along x, 1 along y (frame of kernel.sections)
+_AXIS: Mapping[str, Mapping[str, int]] = {  # of each width and wall: 0 along x, 1 along y (frame of kernel.sections)
     "L": {"a": 0, "b": 1},
-    **{family: {"h": 1, "b": 0} for family in ("I", "C", "T", "RHS")},
-    "rect": {"b": 0},
+    **{family: {"h": 1, "b": 0, "tw": 0, "tf": 1} for family in ("I", "C", "T")},
+    "RHS": {"h": 1, "b": 0},
+    "rect": {"b": 0, "t": 1},
 }

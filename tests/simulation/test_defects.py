@@ -144,3 +144,16 @@ def test_defects_add_up():
     both = defects.slotted(defects.sagged(I, 0.02, "-y", 1e-4), 0.7, 0.01, 0.05, "+x")
     assert_sound(both)
     assert volume(I) - volume(both) == pytest.approx(0.01 * (2 * 0.05 * 0.009 + 0.003 * 0.182), rel=1e-9)
+
+
+def test_a_cut_along_the_joints_of_a_bent_member_is_refused_in_a_line():
+    """Where the plane of a cut runs among the corners that bending made, the wound may cross itself by rounding: told, not crashed."""
+    fillet = KINDS["I"].build({"h": 0.2, "b": 0.1, "tw": 0.006, "tf": 0.009, "length": 1.0, "fillet": 0.012}, 1.2e-4).mesh
+    bent_one = defects.twisted(defects.sagged(fillet, 0.02, "-y", 1.2e-4), math.radians(8), 1.2e-4)
+    for at in (0.3, 0.305):
+        try:
+            cut = defects.slotted(bent_one, at, 0.005, 0.04, "+x")
+        except InputError as error:
+            assert "move it a little" in str(error)
+        else:
+            assert_closed_manifold_oriented(cut)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from scan2fea.errors import InputError, require
+from scan2fea.errors import InputError, InternalError, require
 from scan2fea.simulation.polyhedra import triangulated
 from scan2fea.types import FloatArray, IntArray, TriangleMesh
 
@@ -156,7 +156,10 @@ def _lid(vertices: _Vertices, below: list[list[int]], normal: FloatArray) -> lis
     faces: list[list[int]] = []
     for loop in outer:
         inside = [hole for hole in holes if _holds(flat, loop, hole[0]) and not any(o is not loop and _within(flat, o, loop, hole) for o in outer)]
-        faces += [list(t) for t in triangulated(flat, [loop, *inside])]
+        try:
+            faces += [list(t) for t in triangulated(flat, [loop, *inside])]
+        except InternalError as error:
+            raise InputError("the cut runs along an edge of the bent object, so that its wound crosses itself: move it a little") from error
     return faces
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from scan2fea.kernel.section_likelihood import face_lengths, faces, information
-from scan2fea.kernel.sections import PARAMETERS, ROUND, section, section_area
+from scan2fea.kernel.sections import PARAMETERS, section, section_area
 from scan2fea.simulation.section_faces import Located, located
 from scan2fea.types import FloatArray
 

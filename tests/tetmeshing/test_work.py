@@ -7,14 +7,14 @@ import pytest
 
 from balls import ball
 from scan2fea.kernel.measures import tet_volumes
-from scan2fea.kernel.quality import tet_dihedrals
+from scan2fea.kernel.quality import scaled_jacobian, tet_dihedrals
 from scan2fea.tetmeshing.cavity import falls_at, squared_radius
 from scan2fea.tetmeshing.exude import exude_all
 from scan2fea.tetmeshing.flips import flip_all, flip_face, remove_edge
 from scan2fea.tetmeshing.insert import insert_all
 from scan2fea.tetmeshing.perturb import perturb_all, perturb_vertex
 from scan2fea.tetmeshing.tets import boundary_of, proved
-from scan2fea.tetmeshing.work import FREE, MOST, POINTS, all_qualities, angle_quality, closed, opened, ring_of, star_of
+from scan2fea.tetmeshing.work import FREE, MOST, PER_JACOBIAN, POINTS, all_qualities, closed, opened, ring_of, shape_quality, star_of
 
 ROWS = np.empty(2 * MOST, np.int64)
 
@@ -51,11 +51,13 @@ def assert_whole(work, nodes, tets):
         assert work.tet_of[v] < 0 or v in work.tets[work.tet_of[v]]
 
 
-def test_quality_is_that_of_the_smallest_dihedral():
+def test_quality_is_that_of_the_smallest_dihedral_or_of_the_jacobian():
     nodes, tets = ball(60, 60, seed=3)
-    found = [angle_quality(*nodes[t]) for t in tets]
-    np.testing.assert_allclose(found, quality(tet_dihedrals(nodes, tets).min(1)), atol=1e-12)
-    assert angle_quality(*nodes[tets[0][[1, 0, 2, 3]]]) == -1
+    found = [shape_quality(*nodes[t]) for t in tets]
+    angle, jacobian = quality(tet_dihedrals(nodes, tets).min(1)), PER_JACOBIAN * scaled_jacobian(nodes, tets)
+    np.testing.assert_allclose(found, np.minimum(angle, jacobian), atol=1e-12)
+    assert 0 < (jacobian < angle).sum() < len(tets)
+    assert shape_quality(*nodes[tets[0][[1, 0, 2, 3]]]) == -1
 
 
 def test_spheres_against_their_definition():
@@ -113,7 +115,7 @@ def test_edge_removal_finds_the_best_triangulation(n):
 
     ring = np.arange(n) + 2
     best = max(
-        min(min(angle_quality(nodes[0], *nodes[ring[list(t)]]), angle_quality(nodes[1], *nodes[ring[[t[1], t[0], t[2]]]])) for t in found)
+        min(min(shape_quality(nodes[0], *nodes[ring[list(t)]]), shape_quality(nodes[1], *nodes[ring[[t[1], t[0], t[2]]]])) for t in found)
         for found in triangulations(0, n - 1)
     )
     assert all_qualities(work).min() == pytest.approx(best, abs=1e-12)

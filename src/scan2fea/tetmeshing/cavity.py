@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from scan2fea.kernel.jit import jit
-from scan2fea.tetmeshing.work import MOST, STAMP, Work, angle_quality, exchange, outward
+from scan2fea.tetmeshing.work import MOST, STAMP, Work, exchange, outward, shape_quality
 from scan2fea.types import FloatArray, IntArray
 
 SLIVERS, WORST = 0, 1  # what the cavity grows by: the least weight of the vertex at which the next tet falls, or the worst tet of the cone
@@ -75,7 +75,7 @@ def _rim(w: Work, apex: int, p: FloatArray, region: IntArray, n: int, rim: IntAr
             if m == len(rim):
                 return -1
             rim[m, 0], rim[m, 1], rim[m, 2], rim[m, 3], rim[m, 4] = face[0], face[1], face[2], t, i
-            quality[m] = angle_quality(p, w.points[face[0]], w.points[face[1]], w.points[face[2]])
+            quality[m] = shape_quality(p, w.points[face[0]], w.points[face[1]], w.points[face[2]])
             m += 1
     return m
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from scan2fea.kernel.jit import jit
-from scan2fea.tetmeshing.work import MOST, Work, angle_quality, corner_of, exchange, outward, quality_of, ring_of
+from scan2fea.tetmeshing.work import MOST, Work, corner_of, exchange, outward, quality_of, ring_of, shape_quality
 from scan2fea.types import IntArray
 
 RING = 10  # edges with more tets are left to the other operations; beyond 7 a removal rarely helps
@@ -33,7 +33,7 @@ def flip_face(w: Work, t: int, i: int, rows: IntArray) -> int:
     new = np.empty((3, 4), np.int64)
     for k in range(3):
         new[k, 0], new[k, 1], new[k, 2], new[k, 3] = d, face[k], face[(k + 1) % 3], e
-        if angle_quality(w.points[d], w.points[face[k]], w.points[face[(k + 1) % 3]], w.points[e]) <= before + RISE:
+        if shape_quality(w.points[d], w.points[face[k]], w.points[face[(k + 1) % 3]], w.points[e]) <= before + RISE:
             return 0
     old = np.empty(2, np.int64)
     old[0], old[1] = t, u
@@ -60,9 +60,9 @@ def remove_edge(w: Work, t: int, a: int, b: int, rows: IntArray) -> int:
                 if limit <= max(before, best[i, j]):
                     continue
                 p, q, r = w.points[around[i]], w.points[around[k]], w.points[around[j]]
-                found = min(limit, angle_quality(w.points[a], p, q, r))
+                found = min(limit, shape_quality(w.points[a], p, q, r))
                 if found > max(before, best[i, j]):
-                    found = min(found, angle_quality(w.points[b], q, p, r))
+                    found = min(found, shape_quality(w.points[b], q, p, r))
                 if found > best[i, j]:
                     best[i, j], apex[i, j] = found, k
     if best[0, n - 1] <= before + RISE:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from scan2fea.kernel.quality import TET_LIMITS, summary, tet_quality
+from scan2fea.kernel.quality import TET_LIMITS, summary, tet_dihedrals, tet_quality
 from scan2fea.kernel.relaxation import relax
 from scan2fea.options import option
 from scan2fea.tetmeshing.exude import exude_all
@@ -40,7 +40,9 @@ class OptimiseOptions:
     """How tets are made better. Nothing is done to a mesh whose angles are all above the target."""
 
     optimise: str = option("odt_first", "odt, lloyd, perturb, exude; lloyd first as in the thesis; or none", choices=tuple(ORDERS))
-    target_deg: float = option(25.0, "smallest dihedral angle aimed at; the steps end there", unit="deg", minimum=0.0, maximum=40.0)
+    target_deg: float = option(
+        25.0, "smallest dihedral angle aimed at, and a scaled Jacobian to match; the steps end there", unit="deg", minimum=0.0, maximum=40.0
+    )
     relaxations: int = option(5, "iterations of ODT and of Lloyd", minimum=0)
     passes: int = option(6, "of perturbation and of exudation, as long as they gain", minimum=0)
     optimise_time_s: float | None = option(None, "no step is begun after this; the result then depends on the machine", unit="s", minimum=0.0)
@@ -74,11 +76,10 @@ def optimised(nodes: FloatArray, tets: IntArray, options: OptimiseOptions = Opti
     }  # fmt: skip
     for name in ORDERS[options.optimise]:
         late = options.optimise_time_s is not None and time.monotonic() - began > options.optimise_time_s
-        worst = float(all_qualities(work).min())
-        if worst >= _quality(options.target_deg) or late:
+        if float(all_qualities(work).min()) >= _quality(options.target_deg) or late:
             break
         trial, done = steps[name](_copy(work), options)
-        kept = float(all_qualities(trial).min()) >= worst
+        kept = _flattest(trial) >= _flattest(work)
         work = trial if kept else work
         log.append({"step": name, **_told(work), "done": done if kept else {"undone": 1}})
     found, packed, used = closed(work)
@@ -94,6 +95,11 @@ def optimised(nodes: FloatArray, tets: IntArray, options: OptimiseOptions = Opti
 
 def _quality(angle_deg: float) -> float:
     return float(1 - np.cos(np.radians(angle_deg)))
+
+
+def _flattest(work: Work) -> float:
+    nodes, tets, _ = closed(work)
+    return float(tet_dihedrals(nodes, tets).min())
 
 
 def _told(work: Work) -> dict[str, Any]:

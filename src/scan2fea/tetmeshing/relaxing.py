@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from scan2fea.kernel.jit import jit
-from scan2fea.tetmeshing.work import angle_quality
+from scan2fea.tetmeshing.work import shape_quality
 from scan2fea.types import BoolArray, ByteArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class InVolume:
-    """Half of a method: held boundary, step limit, guard. A tet may fall to `floor` (1 - cos of its smallest angle), but not below what it was."""
+    """Half of a method: held boundary, step limit, guard. A tet may fall to `floor` (a quality of `work`), but not below what it was."""
 
     tets: IntArray
     held: ByteArray
@@ -58,8 +58,8 @@ def _spoiled(points: FloatArray, trial: FloatArray, tets: IntArray, floor: float
         a, b, c, d = tets[t]
         if not (moved[a] or moved[b] or moved[c] or moved[d]):
             continue
-        after = angle_quality(trial[a], trial[b], trial[c], trial[d])
-        if after < floor and after < angle_quality(points[a], points[b], points[c], points[d]):
+        after = shape_quality(trial[a], trial[b], trial[c], trial[d])
+        if after < floor and after < shape_quality(points[a], points[b], points[c], points[d]):
             for v in (a, b, c, d):
                 out[v] = moved[v]
     return out

@@ -51,15 +51,15 @@ off, edge, out = sys.argv[1], float(sys.argv[2]), sys.argv[3]
 domain = M.Polyhedral_mesh_domain_3(Polyhedron_3(off))
 criteria = M.Default_mesh_criteria()
 criteria.facet_angle(25).facet_size(edge).facet_distance(edge / 10).cell_radius_edge_ratio(2).cell_size(edge)
-parameters = M.Mesh_3_parameters()
-for switch in (parameters.set_lloyd, parameters.set_odt, parameters.set_perturb, parameters.set_exude):
-    switch(False)
+parameters = M.Mesh_3_parameters()  # no ODT, no Lloyd
+parameters.no_perturb()
+parameters.no_exude()
 mesh = M.make_mesh_3(domain, criteria, parameters)
 began = time.process_time()
-M.odt_optimize_mesh_3(mesh, domain)
-M.lloyd_optimize_mesh_3(mesh, domain)
-M.perturb_mesh_3(mesh, domain)
-M.exude_mesh_3(mesh)
+M.odt_optimize_mesh_3(mesh, domain, 60, 20, 0.02, 0.01)
+M.lloyd_optimize_mesh_3(mesh, domain, 60, 20, 0.02, 0.01)
+M.perturb_mesh_3(mesh, domain, 60, 0)
+M.exude_mesh_3(mesh, 60, 0)
 cpu = time.process_time() - began
 mesh.output_to_medit(out)
 print(cpu)
@@ -173,7 +173,7 @@ def speeds(quick: bool) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
 
 
 def table(rows: list[dict[str, Any]]) -> None:
-    print("| part | faces | needle, fold deg | gmsh min / 1 % | own min / 1 % | CGAL min / 1 % | Jacobian gmsh / own | tets | cpu gmsh / own / CGAL |")
+    print("| part | faces | needle, fold deg | gmsh min / 1 % | own min / 1 % | CGAL min / 1 % | Jacobian gmsh / own | tets | s gmsh / own / CGAL |")
     print("|---|---|---|---|---|---|---|---|---|")
     for row in rows:
         if "part" not in row:

@@ -7,7 +7,8 @@ from photographed import photographed
 from predicates import assert_closed_manifold_oriented, assert_no_crossing, box, extruded, sphere, two_sided
 from scan2fea.kernel.measures import volume
 from scan2fea.reconstruction import reconstruct
-from scan2fea.reconstruction.gates_ranges import HALVES, PASSED, UNSEEN_VOLUME, unseen_volume
+from scan2fea.reconstruction.gates_ranges import HALVES, PASSED, UNSEEN_VOLUME
+from scan2fea.reconstruction.hidden_volume import unseen_volume
 from scan2fea.reconstruction.isosurface import isosurface, rebuilt, spread
 from scan2fea.reconstruction.occupancy import Field, occupancy
 from scan2fea.reconstruction.range_fit import measured, range_fit

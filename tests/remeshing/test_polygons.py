@@ -3,7 +3,7 @@ import itertools
 import numpy as np
 import pytest
 
-from scan2fea.remeshing.polygons import crossing_corners, signed_area, triangulated
+from scan2fea.kernel.polygons import crossing_corners, signed_area, triangulated
 
 
 def loops_of(*rings):

@@ -7,23 +7,27 @@ from dataclasses import dataclass
 
 from scan2fea.errors import UsageError, require
 from scan2fea.options import option
+from scan2fea.reconstruction.planar import planar, served
 from scan2fea.reconstruction.thin import thinned
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
 from scan2fea.types import Scan
 
-METHODS: Mapping[str, Callable[[Scan, VisibilityOptions], Reconstruction]] = {"visibility": visibility}
+METHODS: Mapping[str, Callable[[Scan, VisibilityOptions], Reconstruction]] = {"visibility": visibility, "planar": planar}
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReconstructionOptions(VisibilityOptions):
     method: str = option("visibility", "how the surface is found", choices=tuple(METHODS))
+    flat: bool = option(True, "visibility: faces exactly flat and creases exactly sharp where planes explain all points")
     max_points: int = option(150_000, "a denser scan of one object is thinned to this many of its points; checks still use all", minimum=100)
 
 
 def reconstruct(scan: Scan, options: ReconstructionOptions = ReconstructionOptions()) -> Reconstruction:
     """The closed surface of one object by `options.method`. Raises UsageError for an unknown method, ReconstructionError where there is none."""
     require(options.method in METHODS, UsageError, f"reconstruction.method {options.method!r}: use one of {', '.join(METHODS)}")
-    return METHODS[options.method](thinned(scan, options.max_points), options)
+    fewer = thinned(scan, options.max_points)
+    found = METHODS[options.method](fewer, options)
+    return served(fewer, found, options.seed) if options.flat and options.method == "visibility" else found
 
 
-__all__ = ["METHODS", "Reconstruction", "ReconstructionOptions", "VisibilityOptions", "reconstruct", "visibility"]
+__all__ = ["METHODS", "Reconstruction", "ReconstructionOptions", "VisibilityOptions", "planar", "reconstruct", "visibility"]

@@ -21,7 +21,7 @@ class Evidence(Value):
 
     points : (n, 3) raw.   is_inferred : (n,) not measured, or None.   mesh : the closed surface.   smoothed, normals : (n, 3) denoised
     points and their outward normals.   thickness_m : (n,) to the other face, nan where there is none.   gap_m : (n,) to the next surface in
-    front, nan likewise.   spacing_m, sigma_m : of the raw points.
+    front, nan likewise.   spacing_m, sigma_m : of the raw points.   n_hidden : of the last points, that only stand for places no ray has reached.
     """
 
     points: FloatArray
@@ -33,6 +33,7 @@ class Evidence(Value):
     spacing_m: float
     sigma_m: float
     is_inferred: BoolArray | None = None
+    n_hidden: int = 0
 
     _ROWS = (("points", "smoothed", "normals", "thickness_m", "gap_m", "is_inferred"),)
 
@@ -40,6 +41,11 @@ class Evidence(Value):
     def measured(self) -> FloatArray:
         """The points that no stage has put there."""
         return self.points if self.is_inferred is None else self.points[~self.is_inferred]
+
+    @property
+    def backed(self) -> FloatArray:
+        """The points that something was seen for: measured, or inferred from a support."""
+        return self.points[: len(self.points) - self.n_hidden]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -14,6 +14,7 @@ from scan2fea.kernel.measures import face_normals
 from scan2fea.reconstruction.evidence import Evidence, Unseen, scatter_m, wall_m
 from scan2fea.reconstruction.gates_outside import both_faces, cut_agrees, open_inside, signs_agree, winding_agrees
 from scan2fea.reconstruction.gates_surface import coverage, deviation, merged, patch_moments, resolution, rims, solid_core, stray
+from scan2fea.reconstruction.hidden_volume import hidden_volume
 from scan2fea.types import Check
 
 UNMEASURED_SEEN, UNMEASURED_UNSEEN = 0.10, 0.02  # of the area, with and without sensor positions
@@ -28,7 +29,13 @@ def gates_seen(evidence: Evidence) -> tuple[Check, ...]:
     nearest = PointToMesh(evidence.mesh).nearest(evidence.measured)
     sigma = scatter_m(evidence, nearest.distance)
     limit = DEVIATION_SEEN * (sigma + QUIET * evidence.spacing_m)
-    return (*resolution(evidence), *rims(evidence), *coverage(evidence, UNMEASURED_SEEN, sigma), deviation(nearest.distance, limit))
+    return (
+        *resolution(evidence),
+        *rims(evidence),
+        *coverage(evidence, UNMEASURED_SEEN, sigma),
+        hidden_volume(evidence.mesh, evidence.backed, evidence.spacing_m),
+        deviation(nearest.distance, limit),
+    )
 
 
 def gates_unseen(evidence: Evidence, unseen: Unseen) -> tuple[Check, ...]:
@@ -43,6 +50,7 @@ def gates_unseen(evidence: Evidence, unseen: Unseen) -> tuple[Check, ...]:
         both_faces(evidence.points, unseen.flood),
         *resolution(evidence),
         *coverage(evidence, UNMEASURED_UNSEEN, sigma),
+        hidden_volume(evidence.mesh, evidence.backed, evidence.spacing_m),
         *winding_agrees(evidence),
         signs_agree(evidence, unseen),
         cut_agrees(unseen.held),

@@ -5,23 +5,20 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from scan2fea.kernel.coverage import unmeasured_share
 from scan2fea.kernel.distances import PointToMesh
-from scan2fea.kernel.measures import area, face_areas, face_normals, volume
+from scan2fea.kernel.measures import area, face_normals
 from scan2fea.kernel.rays import first_hits, scene_of
-from scan2fea.kernel.topology import edge_table
 from scan2fea.reconstruction.evidence import around, at_most, mm
+from scan2fea.reconstruction.hidden_volume import HIDDEN_VOLUME, unseen_volume
 from scan2fea.reconstruction.range_fit import Fit
 from scan2fea.reconstruction.raster import Images
-from scan2fea.types import BoolArray, Check, FloatArray, TriangleMesh
+from scan2fea.types import BoolArray, Check
 
 UNMEASURED = 0.10  # of the area: as where sensor positions are given
 UNSEEN_VOLUME = 0.02  # of the volume that may hide behind what no ray has met
-NOT_SEEN = ("unmeasured area", "volume behind unmeasured area")
+NOT_SEEN = ("unmeasured area", HIDDEN_VOLUME)
 REACH = 3.0  # spacings of the rays on the surface: a place farther from any is not measured
 PLACES = 17
 FAR_SIGMAS, FAR = 4.0, 0.02  # ranges farther off than any noise, and rays that miss
@@ -123,34 +120,3 @@ def _lost(fit: Fit, images: Images, unmet: BoolArray, sigma_m: float, pixel_m: f
     along = images.origin[rays, None] + (images.range_m[rays, None] + places)[..., None] * images.direction[rays, None]
     near = PointToMesh(fit.mesh).nearest(along.reshape(-1, 3)).distance.reshape(-1, PLACES).min(axis=1)
     return int((near > pixel_m).sum())
-
-
-def unseen_volume(mesh: TriangleMesh, places: FloatArray, normals: FloatArray, reach_m: float) -> tuple[float, FloatArray]:
-    """Share of the volume that may hide behind patches that no ray has met, and the middles of their faces.
-
-    A patch of area A and perimeter P spans a gap about 2 A / P wide; what it hides is taken as that deep: A^2 / P on either side.
-    """
-    bare = _bare(mesh, places, normals, reach_m)
-    if not bare.any():
-        return 0.0, np.zeros((0, 3))
-    twin = edge_table(mesh.faces).twin.reshape(-1, 3) // 3
-    areas, corners = face_areas(mesh), mesh.vertices[mesh.faces]
-    lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-    face, side = np.nonzero(bare[:, None] & bare[twin])
-    graph = coo_array((np.ones(len(face), np.int8), (face, twin[face, side])), shape=(len(bare), len(bare)))
-    patch = connected_components(graph, directed=False)[1]
-    size = np.bincount(patch[bare], areas[bare])
-    perimeter = np.bincount(patch[bare], (lengths * ~bare[twin]).sum(axis=1)[bare], len(size))
-    hidden = size**2 / np.maximum(perimeter, np.sqrt(np.maximum(size, np.finfo(float).tiny)))
-    return float(hidden.sum() / abs(volume(mesh))), corners[bare].mean(axis=1)
-
-
-def _bare(mesh: TriangleMesh, places: FloatArray, normals: FloatArray, reach_m: float) -> BoolArray:
-    """(m,) faces with no place of their own side within reach, by a search in six dimensions: position, and half the reach times the normal."""
-    scale = reach_m / 2.0
-    middle = mesh.vertices[mesh.faces].mean(axis=1)
-    asked = np.concatenate([middle, scale * face_normals(mesh)], axis=1)
-    if not len(places):
-        return np.ones(len(middle), bool)
-    found = cKDTree(np.concatenate([places, scale * normals], axis=1)).query(asked, distance_upper_bound=reach_m)[0]
-    return np.asarray(~np.isfinite(np.asarray(found, float)))

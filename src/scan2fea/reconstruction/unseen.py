@@ -29,15 +29,18 @@ class Answer(Value):
     n_tried: int
 
 
-def unseen(points: FloatArray, is_inferred: BoolArray | None, options: OutsideOptions, quality_weight: float) -> Answer:
-    """The first answer that passes all gates, else the one that fails the fewest. Raises ReconstructionError if none gives a surface."""
+def unseen(points: FloatArray, is_inferred: BoolArray | None, options: OutsideOptions, quality_weight: float, n_hidden: int = 0) -> Answer:
+    """The first answer that passes all gates, else the one that fails the fewest. Raises ReconstructionError if none gives a surface.
+
+    n_hidden : of the last points, that stand for places no ray has reached.
+    """
     setting = prepare(points, options.seed)
     best: Answer | None = None
     reason = "the rolling ball gives no answer"
     n = 0
     for n, flood in enumerate(floods(setting, options), start=1):
         try:
-            answer = _answer(points, is_inferred, flood, setting.spacing_m, quality_weight, options.seed, n)
+            answer = _answer(points, is_inferred, n_hidden, flood, setting.spacing_m, quality_weight, options.seed, n)
         except ReconstructionError as error:
             reason = str(error)
             continue
@@ -50,7 +53,9 @@ def unseen(points: FloatArray, is_inferred: BoolArray | None, options: OutsideOp
     return best
 
 
-def _answer(points: FloatArray, is_inferred: BoolArray | None, flood: Flood, spacing_m: float, quality_weight: float, seed: int, n: int) -> Answer:
+def _answer(
+    points: FloatArray, is_inferred: BoolArray | None, n_hidden: int, flood: Flood, spacing_m: float, quality_weight: float, seed: int, n: int
+) -> Answer:
     polished = polish(points, flood.signed, spacing_m)
     normals, sigma = fitted(points, polished, spacing_m)
 
@@ -73,6 +78,7 @@ def _answer(points: FloatArray, is_inferred: BoolArray | None, flood: Flood, spa
         spacing_m=spacing_m,
         sigma_m=sigma,
         is_inferred=is_inferred,
+        n_hidden=n_hidden,
     )
     volumes = carved.tetra.volumes()
     share = float(volumes[entered[-1] & carved.inside].sum() / volumes[carved.inside].sum())

@@ -13,12 +13,12 @@ from scipy.spatial import cKDTree
 
 from scan2fea.kernel.distances import PointToMesh, sample_surface
 from scan2fea.kernel.measures import extent
+from scan2fea.kernel.polygons import crossing_corners, triangulated
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.primitives import Plane, meeting_point
 from scan2fea.kernel.topology import half_edges, surface_topology
 from scan2fea.remeshing.borders import outgoing, unpinched
 from scan2fea.remeshing.planes import Labelled, Neighbours, Scale, one_piece_each, tidied
-from scan2fea.remeshing.polygons import crossing_corners, triangulated
 from scan2fea.remeshing.relax import near_faces, relaxed
 from scan2fea.types import FloatArray, IntArray, TriangleMesh, Value
 

@@ -72,7 +72,8 @@ def remesh(mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spac
     """
     require(surface_topology(mesh).is_clean, MeshingError, "remeshing needs a closed manifold surface: repair it first")
     require(not len(self_intersections(mesh)), MeshingError, "remeshing needs a surface whose faces do not cross: repair it first")
-    found = drawn(mesh) if options.planes and sigma_m < DRAWN_NOISE * spacing_m else None
+    is_flat = mesh.face_region is not None and bool((mesh.face_region >= 0).all())  # made of planes by the reconstruction
+    found = drawn(mesh) if options.planes and (is_flat or sigma_m < DRAWN_NOISE * spacing_m) else None
     if found is not None:
         edge = options.edge_m or edge_of_drawn(mesh, spacing_m)
         finest, drift = edge / 4, CHORD * edge

@@ -1,0 +1,179 @@
+"""Space cut by planes into convex cells, face to face: what a solid with flat faces is put together from.
+
+A plane need not cut every cell: only those it is asked to. The facets between a cut cell and one that stays whole are cut all the same, so every
+facet lies between exactly two cells and the boundary of any set of cells is closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2fea.kernel.primitives import Plane
+from scan2fea.types import BoolArray, FloatArray, IntArray, Value
+
+ON_PLANE = 1e-9  # of the box: nearer than this a vertex lies on the plane
+SAME_PLACE = 1e-8  # of the box: vertices nearer than this are one
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Cells(Value):
+    """vertices : (n, 3).   loops : corners of each facet, counter-clockwise seen from the side its plane's normal points to.
+
+    plane : (f,) row of its plane; the six planes of the box are numbered after the given ones.   cell : (f, 2) the cells on the side of the normal
+    and on the other, -1 beyond the box.   n_cells : how many there are.
+    """
+
+    vertices: FloatArray
+    loops: tuple[IntArray, ...]
+    plane: IntArray
+    cell: IntArray
+    n_cells: int
+
+
+class Arrangement:
+    """Cells of a box, cut by one plane after the other. normals : (p, 3) unit, offsets : (p,) of all planes that may come."""
+
+    def __init__(self, normals: FloatArray, offsets: FloatArray, low: FloatArray, high: FloatArray) -> None:
+        axes = np.vstack([np.eye(3), -np.eye(3)])
+        self.normals, self.offsets = np.vstack([normals, axes]), np.append(offsets, np.append(high, -low))
+        self.size = float(np.linalg.norm(high - low))
+        self.low = low
+        self.vertices: list[FloatArray] = []
+        self.places: dict[tuple[int, ...], int] = {}
+        self.loops: list[list[int]] = []
+        self.plane: list[int] = []
+        self.cell: list[list[int]] = []
+        self.facets: list[set[int]] = [set()]
+        self.tree: list[tuple[int, int, int]] = [(-1, 0, 0)]  # plane, node in front, node behind; a leaf is (-1, cell, 0)
+        self._box(len(normals), low, high)
+
+    def _box(self, first: int, low: FloatArray, high: FloatArray) -> None:
+        corner = [self._vertex(np.where([k & 4, k & 2, k & 1], high, low)) for k in range(8)]
+        sides = ([4, 6, 7, 5], [2, 3, 7, 6], [1, 5, 7, 3], [0, 1, 3, 2], [0, 4, 5, 1], [0, 2, 6, 4])
+        for k, side in enumerate(sides):
+            self._facet(first + k, [corner[v] for v in side], [-1, 0])
+
+    def _vertex(self, place: FloatArray) -> int:
+        """The number of the vertex at a place; a new one where there is none."""
+        at = (place - self.low) / (SAME_PLACE * self.size)
+        cell = np.floor(at).astype(np.int64)
+        near = np.where(at - cell > 0.5, 1, -1)
+        for k in range(8):
+            key = tuple(int(v) for v in cell + np.where([k & 4, k & 2, k & 1], near, 0))
+            if key in self.places:
+                return self.places[key]
+        self.places[tuple(int(v) for v in cell)] = len(self.vertices)
+        self.vertices.append(np.asarray(place, float))
+        return len(self.vertices) - 1
+
+    def _facet(self, plane: int, loop: list[int], cell: list[int]) -> None:
+        number = len(self.loops)
+        self.loops.append(loop)
+        self.plane.append(plane)
+        self.cell.append(cell)
+        for c in cell:
+            if c >= 0:
+                self.facets[c].add(number)
+
+    @property
+    def n_cells(self) -> int:
+        return len(self.facets)
+
+    def located(self, points: FloatArray) -> IntArray:
+        """(n,) the cell each point lies in; points on a plane count as behind it."""
+        out = np.zeros(len(points), np.int64)
+        stack = [(0, np.arange(len(points)))]
+        while stack:
+            node, rows = stack.pop()
+            plane, front, behind = self.tree[node]
+            if plane < 0:
+                out[rows] = front
+                continue
+            side = points[rows] @ self.normals[plane] > self.offsets[plane]
+            stack += [(front, rows[side]), (behind, rows[~side])]
+        return out
+
+    def holding(self, points: FloatArray) -> list[int]:
+        """The cells that any of the points lies in."""
+        return [int(c) for c in np.unique(self.located(points))]
+
+    def cut(self, plane: int, cells: Sequence[int]) -> None:
+        """Cut the given cells by a plane, where it passes through them."""
+        height = np.array(self.vertices) @ self.normals[plane] - self.offsets[plane]
+        side = np.where(np.abs(height) <= ON_PLANE * self.size, 0, np.sign(height)).astype(np.int64).tolist()
+        leaf = {node[1]: k for k, node in enumerate(self.tree) if node[0] < 0}
+        for c in cells:
+            corners = {v for f in self.facets[c] for v in self.loops[f]}
+            sides = {side[v] for v in corners if v < len(side)}  # a vertex made by this cut lies on the plane
+            if 1 in sides and -1 in sides:
+                self._split(c, plane, side, height, leaf[c])
+
+    def _split(self, c: int, plane: int, side: list[int], height: FloatArray, node: int) -> None:
+        new = len(self.facets)
+        self.facets.append(set())
+        self.tree += [(-1, c, 0), (-1, new, 0)]
+        self.tree[node] = (plane, len(self.tree) - 2, len(self.tree) - 1)
+        on: set[int] = set()
+        for f in sorted(self.facets[c]):
+            front, behind = self._halves(f, side, height, on)
+            if not front:
+                self._hand_over(f, c, new)
+            elif behind:
+                self.loops[f] = front
+                cell = [new if x == c else x for x in self.cell[f]]
+                self._facet(self.plane[f], behind, cell)
+        on |= {v for f in self.facets[c] | self.facets[new] for v in self.loops[f] if v >= len(side) or side[v] == 0}
+        places = np.array([self.vertices[v] for v in sorted(on)])
+        first, second = Plane(normal=self.normals[plane], offset=float(self.offsets[plane])).axes()
+        middle = places - places.mean(axis=0)
+        order = np.argsort(np.arctan2(middle @ second, middle @ first), kind="stable")
+        self._facet(plane, [sorted(on)[k] for k in order], [c, new])
+
+    def _hand_over(self, f: int, old: int, new: int) -> None:
+        self.facets[old].discard(f)
+        self.facets[new].add(f)
+        self.cell[f] = [new if x == old else x for x in self.cell[f]]
+
+    def _halves(self, f: int, side: list[int], height: FloatArray, on: set[int]) -> tuple[list[int], list[int]]:
+        """The parts of a facet in front of the plane and behind it; a part without area is empty. Vertices on the plane are added to `on`."""
+        loop = self.loops[f]
+        sides = [side[v] if v < len(side) else 0 for v in loop]
+        if -1 not in sides:
+            return loop, []
+        if 1 not in sides:
+            return [], loop
+        front: list[int] = []
+        behind: list[int] = []
+        for k, v in enumerate(loop):
+            w, after = loop[(k + 1) % len(loop)], sides[(k + 1) % len(loop)]
+            if sides[k] >= 0:
+                front.append(v)
+            if sides[k] <= 0:
+                behind.append(v)
+            if sides[k] * after < 0:
+                share = height[v] / (height[v] - height[w])
+                middle = self._vertex(self.vertices[v] + share * (self.vertices[w] - self.vertices[v]))
+                on.add(middle)
+                front.append(middle)
+                behind.append(middle)
+        return front, behind
+
+    def cells(self) -> Cells:
+        """What has come of it."""
+        return Cells(
+            vertices=np.array(self.vertices),
+            loops=tuple(np.array(loop, np.int64) for loop in self.loops),
+            plane=np.array(self.plane, np.int64),
+            cell=np.array(self.cell, np.int64),
+            n_cells=len(self.facets),
+        )
+
+
+def boundary_facets(cells: Cells, inside: BoolArray) -> tuple[IntArray, BoolArray]:
+    """The facets between inside and outside, and whether each looks along its plane's normal. inside : (n_cells,)."""
+    label = np.append(inside, False)[cells.cell]  # row -1, beyond the box, is outside
+    wanted = np.flatnonzero(label[:, 0] != label[:, 1])
+    return wanted, label[wanted, 1]

@@ -1,0 +1,117 @@
+"""When a solid of flat faces must not be shipped: what its points, and the surface it was labelled by, say against it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from scan2fea.kernel.coverage import unmeasured_share
+from scan2fea.kernel.distances import PointToMesh
+from scan2fea.kernel.measures import face_areas, volume
+from scan2fea.reconstruction.evidence import at_most, mm
+from scan2fea.reconstruction.gates_surface import deviation, mean_curvature, stray
+from scan2fea.reconstruction.hidden_volume import HIDDEN_VOLUME, hidden_volume
+from scan2fea.reconstruction.plane_growing import Planes, tolerance_m
+from scan2fea.reconstruction.visibility import Reconstruction
+from scan2fea.types import BoolArray, Check, FloatArray, IntArray, PointCloud, TriangleMesh
+
+UNEXPLAINED = 0.02  # of the points may lie on none of the flat faces
+EXCESS = 1.15  # scatter of the points about the faces against their noise
+BENT = 0.01  # of the points may lie on faces that are bent
+BEND_SIGMAS, BEND_NOISE = 6.0, 0.3  # a quadric bends by more than chance, and by more than this share of the noise
+BEND_SPACING = 0.02
+CURED = frozenset(
+    {"edges in the noise", "edges between points", "deviation p95", "stray points", "unmeasured area", HIDDEN_VOLUME}
+)
+LEAST_BEND = 40  # points of a face that can tell whether it is bent
+UNCERTAIN = 0.02  # of the volume that the places of the planes leave open
+APART = 0.03  # of the volume that the solid and the first surface differ by, besides what rims explain
+UNMEASURED = 0.10
+RIM_CUT = 0.3  # h^2 per length of edge that a surface through points cuts off
+
+
+def gates_planar(cloud: PointCloud, first: Reconstruction, mesh: TriangleMesh, planes: Planes) -> tuple[Check, ...]:
+    """The checks of a solid of flat faces. first : the surface that told inside from outside."""
+    measured = cloud.points if cloud.is_inferred is None else cloud.points[~cloud.is_inferred]
+    h, sigma = first.spacing_m, first.sigma_m
+    nearest = PointToMesh(mesh).nearest(measured)
+    off, face = nearest.distance, nearest.face
+    limit = tolerance_m(h, sigma) + 0.03 * h
+    held = off <= limit
+    share = float(np.mean(~held))
+    scatter = float(np.sqrt(np.mean(off[held] ** 2))) if held.any() else math.inf
+    area = face_areas(mesh)
+    region = np.zeros(len(mesh.faces), np.int64) if mesh.face_region is None else mesh.face_region
+    open_m3 = math.sqrt(float(((np.bincount(region, area) * _std_of(region, planes)) ** 2).sum()))
+    body, before = abs(volume(mesh)), abs(volume(first.mesh))
+    explained = _rims(mesh, h, sigma) / body
+    apart = max(0.0, abs(before / body - 1.0) - explained)
+    checks = [
+        at_most(
+            "points beside flat faces", share, UNEXPLAINED,
+            f"{share:.1%} of the points lie on none of the flat faces (limit {UNEXPLAINED:.0%}): the part has curved or missing ones",
+        ),
+        at_most(
+            "scatter about flat faces", scatter, EXCESS * sigma + BEND_SPACING * h,
+            f"points scatter {mm(scatter)} about the flat faces against a noise of {mm(sigma)}: faces are missing or not flat", "m",
+        ),
+        _bent(measured[held], face[held], region, planes, sigma, h),
+        at_most(
+            "place of the planes", open_m3 / body, UNCERTAIN,
+            f"the noise leaves {open_m3 / body:.1%} of the volume open (limit {UNCERTAIN:.0%}): scan more, or with less noise",
+        ),
+        at_most(
+            "solid and first surface", apart, APART,
+            f"the flat solid and the surface it came from differ by {apart:.1%} of the volume more than edges explain (limit {APART:.0%})",
+        ),
+        *_inherited(first),
+        deviation(off, 2.5 * sigma + 0.125 * h),
+        stray(measured, off, 3.0 * sigma + 0.5 * h),
+        hidden_volume(mesh, cloud.points, h),
+    ]  # fmt: skip
+    bare = unmeasured_share(mesh, cloud.points, 3.0 * h + 3.0 * sigma)
+    checks.append(
+        at_most("unmeasured area", bare, UNMEASURED, f"{bare:.0%} of the surface has no measured point of its side (limit {UNMEASURED:.0%})")
+    )
+    return tuple(checks)
+
+
+def _inherited(first: Reconstruction) -> tuple[Check, ...]:
+    """What was said of the first surface, but for what is measured again on the flat one, or cured: what noise and spacing do to edges."""
+    return tuple(check for check in first.checks if check.name not in CURED)
+
+
+def _std_of(region: IntArray, planes: Planes) -> FloatArray:
+    """(r,) standard deviation of the offset of each region's plane."""
+    return np.asarray(planes.std_m[np.arange(int(region.max()) + 1) // 2])
+
+
+def _rims(mesh: TriangleMesh, spacing_m: float, sigma_m: float) -> float:
+    """Volume that a free surface loses or gains at the edges of a flat solid: 0.3 h^2, and a wall's noise, per length of edge."""
+    curvature = max(0.0, mean_curvature(mesh))
+    return RIM_CUT * spacing_m**2 * curvature + sigma_m * curvature * max(spacing_m, sigma_m)
+
+
+def _bent(points: FloatArray, face: IntArray, region: IntArray, planes: Planes, sigma_m: float, spacing_m: float) -> Check:
+    """Points on faces whose residuals a quadric explains better than chance would: a barrel taken for flats."""
+    bent: BoolArray = np.zeros(len(points), bool)
+    of = region[face]
+    for number in np.unique(of):
+        rows = np.flatnonzero(of == number)
+        if len(rows) < LEAST_BEND:
+            continue
+        plane = planes.plane(int(number) // 2)
+        across = points[rows] @ plane.axes().T
+        local = (across - across.mean(axis=0)) / np.maximum(across.std(axis=0), 1e-300)
+        height = plane.distance(points[rows])
+        x, y = local.T
+        basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+        flat = height - basis[:, :3] @ np.linalg.lstsq(basis[:, :3], height, rcond=None)[0]
+        curve = basis @ np.linalg.lstsq(basis, height, rcond=None)[0] - basis[:, :3] @ np.linalg.lstsq(basis[:, :3], height, rcond=None)[0]
+        swing = float(np.sqrt(np.mean(curve**2)))
+        chance = float(flat.std()) * math.sqrt(3.0 / len(rows))
+        bent[rows] = swing > max(BEND_SIGMAS * chance, BEND_NOISE * sigma_m + BEND_SPACING * spacing_m)
+    share = float(np.mean(bent)) if len(bent) else 0.0
+    return at_most("bent faces", share, BENT, f"{share:.1%} of the points lie on faces that are bent, not flat (limit {BENT:.0%})")
+

@@ -1,0 +1,192 @@
+"""Solids whose faces are all flat: their planes found, space cut by them into cells, and each cell inside or outside by a minimum cut.
+
+Which cells are inside is told by a first closed surface (by sight lines, or by what can be reached from outside); where the faces lie is told by the
+planes alone. Creases and corners are where planes meet: exact without noise, and with noise as good as the average over a whole face.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scan2fea.errors import ReconstructionError, require
+from scan2fea.kernel.arrangement import Arrangement, Cells
+from scan2fea.kernel.distances import signed_distance
+from scan2fea.kernel.measures import volume
+from scan2fea.kernel.noise import sampled_rows
+from scan2fea.kernel.predicates import self_intersections
+from scan2fea.kernel.topology import surface_topology
+from scan2fea.reconstruction.flat_solid import flat_solid
+from scan2fea.reconstruction.gates import failed
+from scan2fea.reconstruction.gates_planar import gates_planar
+from scan2fea.reconstruction.plane_growing import Planes, grow_planes
+from scan2fea.reconstruction.strips import with_strips
+from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
+from scan2fea.types import BoolArray, FloatArray, Scan, TriangleMesh, Value
+
+MOST_PLANES = 160
+CUT_ALL = 20  # planes: so few may cut every cell
+RINGS = (0.15, 0.4, 0.7, 1.0)  # of that reach
+SUPPORT = 600  # points of a plane that say which cells it cuts
+REACH = 2.5  # spacings that a plane reaches beyond its points, besides the noise
+MARGIN = 0.05  # of the size: the box round everything
+PROBES = 24  # places in a cell at which the first surface is asked
+BARE_PRICE = 0.5  # spacings: what a square metre of boundary without points costs against a cubic metre on the wrong side
+FULL = 0.5  # points per square spacing that back a facet fully
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FlatForm(Value):
+    """mesh : closed, manifold; face_region is the plane (doubled, plus 1 for its other side) of each face.   planes : all that were tried."""
+
+    mesh: TriangleMesh
+    planes: Planes
+    n_cells: int
+
+
+def planar(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> Reconstruction:
+    """The solid of flat faces under the points. Raises ReconstructionError where planes do not close, or nothing is found at all."""
+    return flattened(scan, visibility(scan, options), options.seed)
+
+
+def flattened(scan: Scan, first: Reconstruction, seed: int = 0) -> Reconstruction:
+    """The solid of flat faces that lies nearest to a first closed surface. Raises ReconstructionError where there is none."""
+    cloud = scan.cloud
+    form = flat_form(cloud.points, first, seed)
+    facts: Mapping[str, float | str] = {
+        **first.how,
+        "method": "planar",
+        "n_planes": len(np.unique(form.mesh.face_region)) if form.mesh.face_region is not None else 0,
+        "n_cells": form.n_cells,
+        "first_volume_m3": volume(first.mesh),
+    }
+    std = float(np.max(form.planes.std_m)) if len(form.planes) else 0.0
+    checks = gates_planar(cloud, first, form.mesh, form.planes)
+    return replace(first, mesh=form.mesh, checks=checks, how=facts, residual_m=std)
+
+
+def served(scan: Scan, first: Reconstruction, seed: int = 0) -> Reconstruction:
+    """Flat faces where planes explain the points and close; else the first surface, with the reason in `how`."""
+    try:
+        flat = flattened(scan, first, seed)
+    except ReconstructionError as error:
+        return replace(first, how={**first.how, "not_planar": str(error)})
+    against = failed(flat.checks)
+    if against:
+        return replace(first, how={**first.how, "not_planar": "; ".join(check.name for check in against)})
+    return flat
+
+
+def flat_form(points: FloatArray, first: Reconstruction, seed: int = 0) -> FlatForm:
+    """Planes, cells, labels, surface. points : (n, 3) raw, in the rows of `first`. Raises ReconstructionError where they do not close."""
+    h, sigma = first.spacing_m, first.sigma_m
+    known = first.thickness_m[np.isfinite(first.thickness_m)]
+    wall = float(np.quantile(known, 0.25)) if len(known) else float("nan")
+    planes = grow_planes(points, first.normals, h, sigma)
+    require(len(planes) >= 3, ReconstructionError, f"the points lie on {len(planes)} planes: they are no solid of flat faces")
+    planes = with_strips(points, planes, first.mesh, wall, h, sigma)
+    require(
+        4 <= len(planes) <= MOST_PLANES,
+        ReconstructionError,
+        f"the points would need {len(planes)} planes (4 to {MOST_PLANES}): they are no solid of flat faces",
+    )
+    cells, count = arranged(points, planes, h, sigma)
+    mesh = flat_solid(cells, _inside(cells, count, first.mesh, h, seed), planes.normal)
+    topology = surface_topology(mesh)
+    require(topology.is_clean, ReconstructionError, "the planes meet in edges or corners where the solid only touches itself")
+    require(topology.n_components == 1, ReconstructionError, f"the planes enclose {topology.n_components} shells")
+    require(not len(self_intersections(mesh)), ReconstructionError, "flat faces cross: their planes nearly coincide")
+    return FlatForm(mesh=mesh, planes=planes, n_cells=cells.n_cells)
+
+
+def arranged(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: float) -> tuple[Cells, FloatArray]:
+    """The cells of a box round the points, each plane cutting those that its own points reach; and how many points back each facet."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = MARGIN * float(np.linalg.norm(high - low)) + 4.0 * spacing_m
+    space = Arrangement(planes.normal, planes.offset, low - margin, high + margin)
+    reach = REACH * spacing_m + 3.0 * sigma_m
+    for k in range(len(planes)):
+        plane = planes.plane(k)
+        own = plane.projected(points[planes.label == k])
+        own = own[sampled_rows(len(own), SUPPORT, 0)]
+        if not len(own):
+            continue
+        across = plane.axes()
+        angle = np.arange(8) * (np.pi / 4)
+        ring = np.cos(angle)[:, None] * across[0] + np.sin(angle)[:, None] * across[1]
+        spread = np.concatenate([own, *[(own[:, None] + share * reach * ring).reshape(-1, 3) for share in RINGS]])
+        hair = 1e-6 * spacing_m * plane.normal
+        space.cut(k, range(space.n_cells) if len(planes) <= CUT_ALL else space.holding(np.concatenate([spread + hair, spread - hair])))
+    cells = space.cells()
+    pieces: dict[tuple[int, int, int], list[int]] = {}
+    for f, (plane_of, pair) in enumerate(zip(cells.plane.tolist(), cells.cell.tolist(), strict=True)):
+        pieces.setdefault((plane_of, *pair), []).append(f)
+    area = np.array([_area(cells.vertices[loop]) for loop in cells.loops])
+    count = np.zeros(len(cells.loops))
+    for k in range(len(planes)):
+        on = planes.plane(k).projected(points[planes.label == k])
+        hair = 1e-6 * spacing_m * planes.normal[k]
+        sides = np.stack([space.located(on + hair), space.located(on - hair)], axis=1)
+        pairs, backed = np.unique(sides, axis=0, return_counts=True)
+        for pair, n in zip(pairs.tolist(), backed.tolist(), strict=True):
+            facets = pieces.get((k, *pair), [])
+            count[facets] = n * area[facets] / max(float(area[facets].sum()), 1e-300)
+    return cells, count
+
+
+def _inside(cells: Cells, count: FloatArray, mesh: TriangleMesh, spacing_m: float, seed: int) -> BoolArray:
+    """The cheapest labelling: a cubic metre that the first surface has on the other side costs its volume; boundary costs where no points are."""
+    places, owner, share = _probes(cells, seed)
+    filled = np.bincount(owner, weights=share * (signed_distance(places, mesh) < 0), minlength=cells.n_cells)
+    size = np.bincount(owner, weights=share, minlength=cells.n_cells)
+    return _cheapest(cells, count, np.asarray(size - filled, float), np.asarray(filled, float), spacing_m)
+
+
+def _probes(cells: Cells, seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Random places in every cell, uniform in volume: the place, its cell, the volume it stands for. A cell is the tets over its facets."""
+    rng = np.random.default_rng(seed)
+    corner: list[list[int]] = [[] for _ in range(cells.n_cells)]
+    triangles: list[list[tuple[int, int, int]]] = [[] for _ in range(cells.n_cells)]
+    for loop, pair in zip(cells.loops, cells.cell, strict=True):
+        fan = [(int(loop[0]), int(b), int(c)) for b, c in itertools.pairwise(loop[1:])]
+        for c in pair:
+            if c >= 0:
+                corner[c] += loop.tolist()
+                triangles[c] += fan
+    places, owner, share = [], [], []
+    for c in range(cells.n_cells):
+        apex = cells.vertices[np.unique(corner[c])].mean(axis=0)
+        tri = cells.vertices[np.array(triangles[c])]
+        sizes = np.abs(np.einsum("ij,ij->i", np.cross(tri[:, 0] - apex, tri[:, 1] - apex), tri[:, 2] - apex)) / 6.0
+        total = float(sizes.sum())
+        chosen = rng.choice(len(tri), PROBES, p=sizes / total) if total > 0 else np.zeros(PROBES, np.int64)
+        weight = rng.dirichlet(np.ones(4), PROBES)
+        places.append(weight[:, :1] * apex + np.einsum("ik,ikj->ij", weight[:, 1:], tri[chosen]))
+        owner.append(np.full(PROBES, c))
+        share.append(np.full(PROBES, total / PROBES))
+    return np.concatenate(places), np.concatenate(owner), np.concatenate(share)
+
+
+def _cheapest(cells: Cells, count: FloatArray, price_inside: FloatArray, price_outside: FloatArray, spacing_m: float) -> BoolArray:
+    """The minimum cut: a facet is free where points back it and its plane's normal points outside."""
+    import maxflow  # heavy: only where it is used
+
+    graph = maxflow.GraphFloat(cells.n_cells, len(cells.loops))
+    nodes = graph.add_nodes(cells.n_cells)
+    area = np.array([_area(cells.vertices[loop]) for loop in cells.loops])
+    inner = (cells.cell >= 0).all(axis=1)
+    price = BARE_PRICE * spacing_m * area[inner]
+    bare = np.clip(1.0 - count[inner] * spacing_m**2 / np.maximum(FULL * area[inner], 1e-300), 0.0, 1.0)
+    graph.add_edges(cells.cell[inner, 0], cells.cell[inner, 1], price * bare, price)
+    never = np.zeros(cells.n_cells)
+    never[cells.cell[~inner].max(axis=1)] = 1e6 * float(price_inside.sum() + price_outside.sum())  # cells at the box are outside
+    graph.add_grid_tedges(nodes, price_inside + never, price_outside)
+    graph.maxflow()
+    return np.asarray(graph.get_grid_segments(nodes), bool)
+
+
+def _area(loop: FloatArray) -> float:
+    return 0.5 * float(np.linalg.norm(np.cross(loop[1:-1] - loop[0], loop[2:] - loop[0]).sum(axis=0)))

@@ -1,0 +1,261 @@
+"""Planes under a cloud whose outer side is known: grown from its flattest places, each as far as the noise allows, parallel ones joined.
+
+A plane is judged by raw points, so that its place is an average over all of them; which points are its own is told by the normals, so that the two
+faces of a wall thinner than the noise still part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from scan2fea.kernel.neighbors import k_nearest
+from scan2fea.kernel.primitives import Plane, fit_plane
+from scan2fea.types import BoolArray, FloatArray, IntArray, Value
+
+NEIGHBORS = 16
+SIGMAS, SPACINGS = 3.0, 0.02  # of a plane's points: within three sigma, and a fiftieth of the spacing for exact data
+OWN_SIDE = np.cos(np.radians(30.0))
+SEED = 0.98  # mean cosine of a seed's normal with its neighbours'
+FIRST_REACH, GROWTH = 3.0, 2.0  # spacings round the seed that the first plane is fitted to, and how it widens
+LEAST_POINTS = 12
+FAILURES = 200  # seeds in a row that give no plane: what is left is not flat
+SAME_DEG = 4.0
+EXACT = 1e-9  # m: less noise is none
+TURNED_HOLDS, WAYS_TRIED, ONE_WAY = 0.7, 4, 1.0 - 1e-6
+HARDLY = 1.05  # times the scatter
+TURN_DEG, UNLIKELY = 8.0, 13.8  # chi-square with two degrees of freedom exceeds 13.8 once in a thousand
+WIDENINGS = 24
+SETTLED = 12
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Planes(Value):
+    """normal : (p, 3) outward.   offset : (p,).   label : (n,) plane of each point, -1 none.   std_m : (p,) of its offset."""
+
+    normal: FloatArray
+    offset: FloatArray
+    label: IntArray
+    std_m: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.offset)
+
+    def plane(self, number: int) -> Plane:
+        return Plane(normal=self.normal[number], offset=float(self.offset[number]))
+
+
+def tolerance_m(spacing_m: float, sigma_m: float) -> float:
+    """How far a point may lie off its plane."""
+    return SIGMAS * sigma_m + SPACINGS * spacing_m
+
+
+def grow_planes(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_m: float) -> Planes:
+    """The planes of (n, 3) raw points with outward normals, largest first."""
+    off = tolerance_m(spacing_m, sigma_m)
+    _, near = k_nearest(points, NEIGHBORS)
+    alike = np.einsum("ni,nki->nk", normals, normals[near[:, 1:]])
+    flatness = np.where(alike > 0, alike, 0.0).sum(axis=1) / np.maximum((alike > 0).sum(axis=1), 1)
+    free = np.ones(len(points), bool)
+    planes: list[Plane] = []
+    failures = 0
+    for seed in np.argsort(-flatness, kind="stable"):
+        if not free[seed]:
+            continue
+        if flatness[seed] < SEED or failures >= FAILURES:
+            break
+        plane = _grown(points, normals, near, int(seed), free, spacing_m, off)
+        if plane is not None and sigma_m > EXACT:
+            plane = _turned(points, normals, near, int(seed), free, off, plane, planes)
+        own = np.zeros(len(points), bool) if plane is None else _own(points, normals, plane, off) & free
+        if plane is None or own.sum() < LEAST_POINTS or not own[seed]:
+            failures += 1
+            free[seed] = False
+            continue
+        planes.append(plane)
+        free &= ~own
+        failures = 0
+    return settled(points, normals, planes, spacing_m, sigma_m)
+
+
+def _own(points: FloatArray, normals: FloatArray, plane: Plane, off: float) -> BoolArray:
+    return np.asarray((np.abs(plane.distance(points)) <= off) & (normals @ plane.normal >= OWN_SIDE))
+
+
+def _grown(points: FloatArray, normals: FloatArray, near: IntArray, seed: int, free: BoolArray, spacing_m: float, off: float) -> Plane | None:
+    """The plane through a seed's neighbourhood, widened until it takes no more points in that hang together. near : (n, k) neighbours."""
+    away = np.linalg.norm(points - points[seed], axis=1)
+    plane = Plane(normal=normals[seed], offset=float(normals[seed] @ points[seed]))
+    reach, before = FIRST_REACH * spacing_m, -1
+    slack = 2.0 * off
+    for _ in range(WIDENINGS):
+        own = free & (away <= reach) & (np.abs(plane.distance(points)) <= slack) & (normals @ plane.normal >= OWN_SIDE)
+        own = _hanging_together(own, near, seed)
+        count = int(own.sum())
+        if count < 4:
+            return None
+        plane = robust_plane(points[own], plane.normal)
+        slack = off
+        if count == before and reach > away.max():
+            break
+        before, reach = count, reach * GROWTH
+    return plane
+
+
+def _turned(
+    points: FloatArray, normals: FloatArray, near: IntArray, seed: int, free: BoolArray, off: float, plane: Plane, planes: list[Plane]
+) -> Plane:
+    """The plane, or one along a direction that planes found before give, if that holds nearly as many points: a plane may tilt to catch others."""
+    wanted = TURNED_HOLDS * _hanging_together(_own(points, normals, plane, off) & free, near, seed).sum()
+    for way in _ways([p.normal for p in planes], plane.normal)[:WAYS_TRIED]:
+        turned = Plane(normal=way, offset=float(np.median(points[near[seed]] @ way)))
+        for _ in range(2):
+            own = _hanging_together(_own(points, normals, turned, off) & free, near, seed)
+            if own.sum() < LEAST_POINTS:
+                break
+            height = points[own] @ way
+            turned = Plane(normal=way, offset=float(height.mean()), rms_m=float(height.std()))
+        else:
+            if own.sum() >= wanted:
+                return turned
+    return plane
+
+
+def _ways(known: list[FloatArray], normal: FloatArray) -> list[FloatArray]:
+    """Directions that known normals give (theirs, and the lines in which two planes meet) near a normal, the nearest first, each once."""
+    lines = [np.cross(a, b) for i, a in enumerate(known) for b in known[i + 1 :]]
+    unit = [way / np.linalg.norm(way) for way in [*known, *lines] if np.linalg.norm(way) > 0.5]
+    turned = [way if way @ normal > 0 else -way for way in unit]
+    near = sorted((way for way in turned if way @ normal >= np.cos(np.radians(TURN_DEG))), key=lambda way: -float(way @ normal))
+    out: list[FloatArray] = []
+    for way in near:
+        if all(way @ other < ONE_WAY for other in out):
+            out.append(way)
+    return out
+
+
+def _hanging_together(own: BoolArray, near: IntArray, seed: int) -> BoolArray:
+    """Those of the points that neighbours join to the seed."""
+    if not own[seed]:
+        return np.zeros(len(own), bool)
+    rows = np.flatnonzero(own)
+    slot = np.full(len(own), -1, np.int64)
+    slot[rows] = np.arange(len(rows))
+    to = slot[near[rows]]
+    i, k = np.nonzero(to >= 0)
+    graph = coo_array((np.ones(len(i), np.int8), (i, to[i, k])), shape=(len(rows), len(rows)))
+    part = connected_components(graph, directed=False)[1]
+    out = np.zeros(len(own), bool)
+    out[rows[part == part[slot[seed]]]] = True
+    return out
+
+
+def robust_plane(points: FloatArray, towards: FloatArray) -> Plane:
+    """Least squares plane, points farther than 3.5 times their own scatter left out: exact where most are exact."""
+    plane = fit_plane(points, towards=towards)
+    for _ in range(SETTLED):
+        distance = np.abs(plane.distance(points))
+        limit = 3.5 * 1.4826 * float(np.median(distance))
+        keep = distance <= max(limit, 1e-15)
+        if keep.sum() < 3 or keep.all():
+            break
+        better = fit_plane(points[keep], towards=towards)
+        done = np.allclose(better.normal, plane.normal, atol=1e-15) and abs(better.offset - plane.offset) < 1e-15
+        plane = better
+        if done:
+            break
+    return plane
+
+
+def settled(points: FloatArray, normals: FloatArray, planes: list[Plane], spacing_m: float, sigma_m: float) -> Planes:
+    """The planes with every point given to the nearest one of its side, those that are one joined, and all fitted again."""
+    off = tolerance_m(spacing_m, sigma_m)
+    for _ in range(SETTLED):
+        label = assigned(points, normals, planes, off)
+        planes, label = _fitted(points, planes, label)
+        planes = regular(points, planes, label, sigma_m)
+        joined = _joined(points, planes, label, spacing_m, sigma_m)
+        if len(joined) == len(planes):
+            break
+        planes = joined
+    count = np.bincount(label[label >= 0], minlength=len(planes))
+    order = np.argsort(-count, kind="stable")
+    rank = np.empty(len(planes) + 1, np.int64)
+    rank[order], rank[-1] = np.arange(len(planes)), -1
+    planes = [planes[k] for k in order]
+    return Planes(
+        normal=np.array([p.normal for p in planes]).reshape(-1, 3),
+        offset=np.array([p.offset for p in planes]),
+        label=rank[label],
+        std_m=np.array([max(p.rms_m, 1e-300) for p in planes]) / np.sqrt(np.maximum(count[order], 1)),
+    )
+
+
+def assigned(points: FloatArray, normals: FloatArray, planes: list[Plane], off: float) -> IntArray:
+    """(n,) the plane of its own side that each point lies nearest to, -1 beyond `off`."""
+    label, best = np.full(len(points), -1, np.int64), np.full(len(points), off)
+    for k, plane in enumerate(planes):
+        distance = np.where(normals @ plane.normal >= OWN_SIDE, np.abs(plane.distance(points)), np.inf)
+        closer = distance <= best
+        label[closer], best[closer] = k, distance[closer]
+    return label
+
+
+def _fitted(points: FloatArray, planes: list[Plane], label: IntArray) -> tuple[list[Plane], IntArray]:
+    """Each plane through its own points again; those left with too few are dropped."""
+    out: list[Plane] = []
+    number = np.full(len(planes) + 1, -1, np.int64)
+    for k, plane in enumerate(planes):
+        own = points[label == k]
+        if len(own) >= LEAST_POINTS:
+            number[k] = len(out)
+            out.append(robust_plane(own, plane.normal))
+    return out, number[label]
+
+
+def regular(points: FloatArray, planes: list[Plane], label: IntArray, sigma_m: float) -> list[Plane]:
+    """Planes turned to directions that larger ones give (theirs, or the line in which two of them meet) wherever the noise does not speak against it:
+    by less than chi-square with two degrees of freedom has in one of a thousand draws, or by less than points of next faces near its edges do. A
+    small face knows its place well and its tilt badly.
+    """
+    size = np.bincount(label[label >= 0], minlength=len(planes))
+    out = list(planes)
+    known: list[FloatArray] = []
+    for k in np.argsort(-size, kind="stable").tolist():
+        own, plane = points[label == k], planes[k]
+        distance = np.abs(plane.distance(own))
+        own = own[distance <= max(3.5 * 1.4826 * float(np.median(distance)), 1e-15)] if len(own) else own
+        before = float(plane.distance(own).std()) if len(own) else 0.0
+        scatter = max(sigma_m, before)
+        for way in _ways(known, plane.normal)[:WAYS_TRIED]:
+            height = own @ way
+            rms = float(height.std())
+            if len(own) * (rms**2 - before**2) <= UNLIKELY * scatter**2 or (sigma_m > EXACT and rms <= HARDLY * scatter):
+                out[k] = Plane(normal=way, offset=float(height.mean()), rms_m=rms)
+                break
+        else:
+            known.append(plane.normal)
+    return out
+
+
+def _joined(points: FloatArray, planes: list[Plane], label: IntArray, spacing_m: float, sigma_m: float) -> list[Plane]:
+    """Planes of one direction whose points lie, on average, on the larger one: they are the same."""
+    size = np.bincount(label[label >= 0], minlength=len(planes))
+    order = np.argsort(-size, kind="stable").tolist()
+    kept: list[int] = []
+    for k in order:
+        own = points[label == k]
+        for j in kept:
+            if planes[j].normal @ planes[k].normal < np.cos(np.radians(SAME_DEG)):
+                continue
+            distance = planes[j].distance(own)
+            scatter = max(planes[k].rms_m, sigma_m)
+            mean = abs(float(distance.mean()))
+            if mean <= 3.0 * scatter / np.sqrt(len(own)) + SPACINGS * spacing_m and distance.std() <= 1.2 * scatter + SPACINGS * spacing_m:
+                break
+        else:
+            kept.append(k)
+    return [planes[k] for k in sorted(kept)]

@@ -1,0 +1,263 @@
+"""Planes of faces one row of points wide: the rim of a plate, the toe of an angle. Their points tell no normal; the closed surface round them does.
+
+What a first surface has beside the planes already known is averaged over about a wall, which turns its rounded rim into one direction. The points
+there then say how far out the rim lies: those of the two faces end at it, its own lie on it, all in the noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.spatial import cKDTree
+from scipy.special import ndtr
+
+from scan2fea.kernel.distances import PointToMesh
+from scan2fea.kernel.measures import face_areas, face_normals
+from scan2fea.kernel.primitives import Plane
+from scan2fea.reconstruction.plane_growing import LEAST_POINTS as LEAST_GROWN
+from scan2fea.reconstruction.plane_growing import SPACINGS, Planes, robust_plane, tolerance_m
+from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
+
+BESIDE = 0.1  # spacings a face may lie off a plane that it belongs to, besides the noise
+LEANS = np.cos(np.radians(35.0))
+SNAP = np.cos(np.radians(20.0))  # to a direction that the known planes give
+ALIKE_DEG = 3.0
+DEPTH = 0.5  # spacings a strip's faces may lie off its plane, besides the noise
+LEAST_AREA = 4.0  # square spacings of a strip
+LEAST_POINTS = 4
+NEEDED = 6  # points of a strip that no other plane explains
+EXACTLY = 1.0 - 1e-9  # cosine with a direction that was taken over
+BACKED = 0.25  # points of a strip per square spacing of it, at least
+MOST = 60
+EXACT = 1e-12  # spacings: what rounding leaves of an exact offset
+QUIET = 0.01  # spacings: below, the rim is where its exact points are
+WINDOW = 3.0  # spacings inwards from a rim that are looked at
+MIX_ROUNDS = 8
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Left(Value):
+    """The faces of the first surface that no plane explains: their middles, areas, local directions, and the points that lie on them."""
+
+    middle: FloatArray
+    area: FloatArray
+    direction: FloatArray
+    point_face: IntArray
+    point: IntArray
+
+
+def with_strips(points: FloatArray, planes: Planes, mesh: TriangleMesh, wall_m: float, spacing_m: float, sigma_m: float) -> Planes:
+    """`planes` and those of the narrow faces of `mesh` that they do not explain.   wall_m : the thinner walls, nan: none."""
+    planes = needed(points, planes, spacing_m, sigma_m)
+    left = _left(points, planes, mesh, wall_m, spacing_m, sigma_m)
+    ways = _ways(planes.normal)
+    depth = DEPTH * spacing_m + 2.0 * sigma_m
+    free = np.ones(len(left.area), bool)
+    length = np.maximum(np.linalg.norm(left.direction, axis=1), 1e-300)
+    snaps = (left.direction @ ways.T >= SNAP * length[:, None]).any(axis=1) if len(ways) else np.zeros(len(length), bool)
+    label = planes.label.copy()
+    found: list[Plane] = []
+    spread: list[float] = []
+    for seed in np.lexsort((-length * left.area, ~snaps)):  # directions that the planes give come first
+        if not free[seed] or len(found) >= MOST:
+            continue
+        own = _own(left, int(seed), free, depth)
+        free[seed] = False
+        if left.area[own].sum() < LEAST_AREA * spacing_m**2:
+            continue
+        rows = np.unique(left.point[np.isin(left.point_face, np.flatnonzero(own))])
+        plane = _placed(points, rows, left, own, ways, spacing_m, sigma_m) if len(rows) >= LEAST_POINTS else None
+        if plane is None:
+            continue
+        on = rows[np.abs(plane.distance(points[rows])) <= tolerance_m(spacing_m, sigma_m)]
+        if not (ways @ plane.normal > EXACTLY).any() and not _is_needed(points[on], [*planes_of(planes), *found], spacing_m, sigma_m, NEEDED):
+            continue
+        free &= ~own
+        label[on] = len(planes) + len(found)
+        found.append(plane)
+        spread.append(max(sigma_m, plane.rms_m) / np.sqrt(max(1, len(on))))
+    if not found:
+        return planes
+    every = Planes(
+        normal=np.vstack([planes.normal, [p.normal for p in found]]),
+        offset=np.append(planes.offset, [p.offset for p in found]),
+        label=label,
+        std_m=np.append(planes.std_m, spread),
+    )
+    return _joined(points, every, spacing_m)
+
+
+def planes_of(planes: Planes) -> list[Plane]:
+    return [planes.plane(k) for k in range(len(planes))]
+
+
+def needed(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: float) -> Planes:
+    """The planes without those whose points lie on others anyway: blends of normals along an edge."""
+    every = planes_of(planes)
+    keep = list(range(len(planes)))
+    for k in reversed(range(len(planes))):
+        own = points[planes.label == k]
+        if len(own) < LEAST_GROWN or not _is_needed(own, [every[j] for j in keep if j != k], spacing_m, sigma_m, LEAST_GROWN):
+            keep.remove(k)
+    number = np.full(len(planes) + 1, -1, np.int64)
+    number[keep] = np.arange(len(keep))
+    return Planes(normal=planes.normal[keep], offset=planes.offset[keep], label=number[planes.label], std_m=planes.std_m[keep])
+
+
+def _is_needed(own: FloatArray, others: list[Plane], spacing_m: float, sigma_m: float, least: int) -> bool:
+    """Do enough of a plane's points lie on no other plane, whichever way that looks?"""
+    off = tolerance_m(spacing_m, sigma_m)
+    apart = np.ones(len(own), bool)
+    for other in others:
+        apart &= np.abs(other.distance(own)) > off
+    return int(apart.sum()) >= least
+
+
+def _joined(points: FloatArray, planes: Planes, spacing_m: float) -> Planes:
+    """Planes of one direction that the noise does not part made one; those without points dropped."""
+    label, kept = planes.label.copy(), list[int]()
+    offset, std = planes.offset.copy(), np.maximum(planes.std_m, EXACT * spacing_m)
+    for k in range(len(planes)):
+        own = points[label == k]
+        if len(own) < LEAST_POINTS:
+            label[label == k] = -1
+            continue
+        for j in kept:
+            if planes.normal[j] @ planes.normal[k] < np.cos(np.radians(ALIKE_DEG)):
+                continue
+            apart = float(np.median(own @ planes.normal[j])) - offset[j]  # of mostly exact points exact
+            if abs(apart) <= 3.0 * np.hypot(std[j], std[k]) + SPACINGS * spacing_m:
+                weight = std[j] ** 2 / (std[j] ** 2 + std[k] ** 2)
+                offset[j] += weight * apart
+                std[j] *= np.sqrt(1.0 - weight)
+                label[label == k] = j
+                break
+        else:
+            kept.append(k)
+    number = np.full(len(planes) + 1, -1, np.int64)
+    number[kept] = np.arange(len(kept))
+    return Planes(normal=planes.normal[kept], offset=offset[kept], label=number[label], std_m=std[kept])
+
+
+def _left(points: FloatArray, planes: Planes, mesh: TriangleMesh, wall_m: float, spacing_m: float, sigma_m: float) -> _Left:
+    normals, middle, areas = face_normals(mesh), mesh.vertices[mesh.faces].mean(axis=1), face_areas(mesh)
+    off = BESIDE * spacing_m + sigma_m
+    known = np.zeros(len(middle), bool)
+    for k in range(len(planes)):
+        known |= (np.abs(planes.plane(k).distance(middle)) <= off) & (normals @ planes.normal[k] >= LEANS)
+    rest = np.flatnonzero(~known)
+    radius = max(2.0 * spacing_m, 0.7 * wall_m if np.isfinite(wall_m) else 0.0)
+    direction = np.zeros((len(rest), 3))
+    if len(rest):
+        vector = areas[rest, None] * normals[rest]
+        near = cKDTree(middle[rest])
+        pairs = near.query_pairs(radius, output_type="ndarray")
+        direction = vector.copy()
+        for axis in range(3):
+            direction[:, axis] += np.bincount(pairs[:, 0], vector[pairs[:, 1], axis], len(rest))
+            direction[:, axis] += np.bincount(pairs[:, 1], vector[pairs[:, 0], axis], len(rest))
+        total = areas[rest].copy()
+        for one, other in (pairs.T, pairs[:, ::-1].T):
+            total += np.bincount(one, areas[rest][other], len(rest))
+        direction /= total[:, None]
+    on = PointToMesh(mesh).nearest(points).face
+    slot = np.full(len(middle), -1, np.int64)
+    slot[rest] = np.arange(len(rest))
+    rows = np.flatnonzero(slot[on] >= 0)
+    return _Left(middle=middle[rest], area=areas[rest], direction=direction, point_face=slot[on[rows]], point=rows)
+
+
+def _own(left: _Left, seed: int, free: BoolArray, depth: float) -> BoolArray:
+    """The free faces that lean as the seed does and lie as far out."""
+    way = left.direction[seed] / max(float(np.linalg.norm(left.direction[seed])), 1e-300)
+    length = np.maximum(np.linalg.norm(left.direction, axis=1), 1e-300)
+    alike = free & (left.direction @ way >= LEANS * length)
+    own = alike & (np.abs((left.middle - left.middle[seed]) @ way) <= depth)
+    for _ in range(3):
+        total = (left.area[own, None] * left.direction[own]).sum(axis=0)
+        way = total / max(float(np.linalg.norm(total)), 1e-300)
+        middle = float(np.average(left.middle[own] @ way, weights=left.area[own]))
+        own = alike & (np.abs(left.middle @ way - middle) <= depth)
+        if not own.any():
+            break
+    return np.asarray(own)
+
+
+def _ways(normals: FloatArray) -> FloatArray:
+    """(k, 3) directions that known planes give: their normals, and the lines in which they meet, both ways."""
+    found: list[FloatArray] = []
+
+    def add(way: FloatArray) -> None:
+        if all(abs(float(way @ other)) < np.cos(np.radians(ALIKE_DEG)) for other in found):
+            found.append(way)
+
+    for normal in normals:
+        add(normal)
+    for i, first in enumerate(normals):
+        for second in normals[i + 1 :]:
+            line = np.cross(first, second)
+            if np.linalg.norm(line) > 0.5:
+                add(line / np.linalg.norm(line))
+    return np.array([*found, *[-way for way in found]]).reshape(-1, 3)
+
+
+def _placed(points: FloatArray, rows: IntArray, left: _Left, own: BoolArray, ways: FloatArray, spacing_m: float, sigma_m: float) -> Plane | None:
+    """The plane of a strip: along a direction that the known planes give where one is near, else through its own points."""
+    total = (left.area[own, None] * left.direction[own]).sum(axis=0)
+    way = total / max(float(np.linalg.norm(total)), 1e-300)
+    near = ways[np.argmax(ways @ way)] if len(ways) else way
+    off = tolerance_m(spacing_m, sigma_m)
+    choices: list[Plane] = []
+    for direction in (near, way) if float(near @ way) >= SNAP else (way,):
+        start = float(np.average(left.middle[own] @ direction, weights=left.area[own]))
+        choices.append(Plane(normal=direction, offset=rim_offset(points[rows] @ direction, start, spacing_m, sigma_m)))
+    free = choices[-1]
+    near_free = np.abs(free.distance(points[rows])) <= 2.0 * off + 0.1 * spacing_m
+    if near_free.sum() >= 3 * LEAST_POINTS:
+        fitted = robust_plane(points[rows[near_free]], way)
+        if float(fitted.normal @ way) >= LEANS:
+            choices.append(fitted)
+    held = [int((np.abs(c.distance(points[rows])) <= off).sum()) for c in choices]
+    best = int(np.argmax(held))
+    if held[0] >= 0.8 * held[best]:  # a direction that other planes share needs no more evidence than another
+        best = 0
+    wanted = BACKED * float(left.area[own].sum()) / spacing_m**2
+    return choices[best] if held[best] >= max(LEAST_POINTS, wanted) else None
+
+
+def rim_offset(heights: FloatArray, start: float, spacing_m: float, sigma_m: float) -> float:
+    """How far out a rim lies, from the heights of the points round it: (1 - w) uniform up to the rim + w on it, both in the noise, most likely.
+
+    heights : (n,) along the rim's direction.   start : a first guess within a spacing or so.
+    """
+    lowest = start - WINDOW * spacing_m - 2.0 * sigma_m
+    u = heights[heights >= lowest]
+    if len(u) < LEAST_POINTS:
+        return start
+    if sigma_m < QUIET * spacing_m:
+        return _densest(u, max(sigma_m, 1e-6 * spacing_m))
+
+    def surprise(rim: float) -> float:
+        flat = ndtr((rim - u) / sigma_m) / max(rim - lowest, 1e-12 * spacing_m)
+        peak = np.exp(-0.5 * ((u - rim) / sigma_m) ** 2) / (np.sqrt(2.0 * np.pi) * sigma_m)
+        share = 0.3
+        for _ in range(MIX_ROUNDS):
+            of_peak = share * peak / np.maximum(share * peak + (1.0 - share) * flat, 1e-300)
+            share = float(np.clip(of_peak.mean(), 1e-3, 0.98))
+        return -float(np.log(np.maximum(share * peak + (1.0 - share) * flat, 1e-300)).sum())
+
+    reach = spacing_m + 2.0 * sigma_m
+    grid = np.linspace(start - reach, start + reach, 41)
+    best = grid[int(np.argmin([surprise(float(x)) for x in grid]))]
+    step = float(grid[1] - grid[0])
+    return float(minimize_scalar(surprise, bounds=(best - step, best + step), method="bounded").x)
+
+
+def _densest(values: FloatArray, width: float) -> float:
+    """The mean of the values in the fullest window of 4 widths."""
+    ranked = np.sort(values)
+    count = np.searchsorted(ranked, ranked + 4.0 * width, side="right") - np.arange(len(ranked))
+    first = int(np.argmax(count))
+    return float(ranked[first : first + int(count[first])].mean())

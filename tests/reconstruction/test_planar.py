@@ -1,0 +1,105 @@
+import numpy as np
+import pytest
+
+from predicates import assert_closed_manifold_oriented, assert_no_crossing, extruded, l_beam, moved, rotation, sphere, two_sided
+from scan2fea.errors import ReconstructionError
+from scan2fea.kernel.measures import volume
+from scan2fea.reconstruction import ReconstructionOptions, planar, reconstruct, visibility
+from scan2fea.reconstruction.gates import failed
+from scan2fea.reconstruction.planar import flattened
+from scan2fea.reconstruction.plane_growing import grow_planes, robust_plane
+from scan2fea.reconstruction.strips import rim_offset
+from scan2fea.types import Scan
+from scanned import scanned
+
+T = 0.00635
+BEAM = moved(l_beam(length=0.3), rotation(5), np.array([3.0, -2.0, 1.0]))
+
+
+def test_an_exact_scan_gives_the_exact_solid():
+    scan, _, _ = scanned(BEAM, 0.006, seed=1)
+    kept = scan.cloud.points.copy()
+    found = planar(scan)
+    assert np.array_equal(kept, scan.cloud.points)
+    assert_closed_manifold_oriented(found.mesh)
+    assert_no_crossing(found.mesh)
+    assert volume(found.mesh) == pytest.approx(volume(BEAM), rel=1e-6)
+    there, back = two_sided(found.mesh, BEAM)
+    assert max(there.max(), back.max()) < 1e-6 * 0.3
+    assert len(found.mesh.faces) == 20 and len(np.unique(found.mesh.face_region)) == 8  # an L of 12 corners
+    assert not failed(found.checks)
+    again = planar(scan)
+    assert np.array_equal(found.mesh.vertices, again.mesh.vertices) and np.array_equal(found.mesh.faces, again.mesh.faces)
+
+
+@pytest.mark.parametrize(("noise", "off"), [(0.1, 0.01), (0.3, 0.03)])
+def test_noise_moves_planes_little_and_the_default_takes_them(noise, off):
+    scan, _, _ = scanned(BEAM, 0.006, noise * T, seed=1)
+    found = reconstruct(scan)
+    assert found.how["method"] == "planar", found.how.get("not_planar")
+    assert not failed(found.checks)
+    assert volume(found.mesh) == pytest.approx(volume(BEAM), rel=off)
+    assert len(np.unique(found.mesh.face_region)) == 8
+    assert 0 < found.residual_m < 0.5 * noise * T
+    free = reconstruct(scan, ReconstructionOptions(flat=False))
+    assert free.how["method"] == "visibility" and len(free.mesh.faces) > 1000
+
+
+def test_what_is_not_flat_stays_free_form():
+    scan, _, _ = scanned(sphere(0.1, rounds=4), 0.006, seed=1)
+    found = reconstruct(scan)
+    assert found.how["method"] == "visibility" and found.how["not_planar"]
+    try:
+        assert failed(planar(scan).checks)
+    except ReconstructionError as error:
+        assert "plane" in str(error)
+    pipe = extruded(np.array([[0.03 * np.cos(a), 0.03 * np.sin(a)] for a in 2 * np.pi * np.arange(4) / 4 + np.pi / 4]), 0.06)
+    block, _, _ = scanned(pipe, 0.004, seed=1)
+    assert reconstruct(block).how["method"] == "planar"  # the same with corners is
+
+
+def test_a_face_that_is_missing_is_told():
+    """The end of a box that nobody scanned: a flat solid through the rest would be a guess."""
+    box = extruded(np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.08], [0.0, 0.08]]), 0.05)
+    scan, places, _ = scanned(box, 0.004, seed=1)
+    open_end = Scan(cloud=scan.cloud.take(places[:, 2] > 1e-6), rays=scan.rays)
+    with_end, first = planar(scan), visibility(open_end)
+    assert not failed(with_end.checks)
+    try:
+        found = flattened(open_end, first)
+    except ReconstructionError:
+        return
+    assert failed(found.checks)
+
+
+def test_planes_do_not_depend_on_place_or_scale():
+    scan, places, normals = scanned(BEAM, 0.006, 0.1 * T, seed=1)
+    points = scan.cloud.points
+    one = grow_planes(points, normals, 0.006, 0.1 * T)
+    R, shift = rotation(8), np.array([1.0, 2.0, 3.0])
+    two = grow_planes(1000.0 * (points @ R.T) + shift, normals @ R.T, 6.0, 100 * T)
+    assert len(one) == len(two) and np.array_equal(one.label, two.label)
+    assert np.allclose(one.normal @ R.T, two.normal, atol=1e-9)
+    assert np.allclose(1000.0 * one.offset + two.normal @ shift, two.offset, atol=1e-6)
+    assert len(places) == len(points)
+
+
+def test_a_plane_of_mostly_exact_points_is_exact():
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-1, 1, (200, 3))
+    points[:, 2] = np.where(np.arange(200) < 60, 0.01 * points[:, 2], 0.25)
+    points[:60, 2] += 0.24
+    plane = robust_plane(points, np.array([0.0, 0.0, 1.0]))
+    assert plane.offset == pytest.approx(0.25, abs=1e-12) and plane.normal[2] == pytest.approx(1.0, abs=1e-12)
+
+
+def test_rim_is_found_without_bias():
+    """Two faces that end at u = 1 and the rim between them, all in noise: the mean over draws is the rim."""
+    rng = np.random.default_rng(0)
+    found = []
+    for _ in range(40):
+        u = np.concatenate([rng.uniform(0.9, 1.0, 300), np.ones(60)]) + 0.004 * rng.normal(size=360)
+        found.append(rim_offset(u, 0.998, 0.01, 0.004))
+    assert np.mean(found) == pytest.approx(1.0, abs=5e-4) and np.std(found) < 2e-3
+    exact = np.concatenate([rng.uniform(0.9, 1.0, 300), np.ones(8)])
+    assert rim_offset(exact, 0.995, 0.01, 0.0) == pytest.approx(1.0, abs=1e-8)

@@ -19,7 +19,7 @@ from scan2fea.estimation.end_view import end_view
 from scan2fea.estimation.ends import rough_ends
 from scan2fea.estimation.face_weights import seen_weights
 from scan2fea.estimation.initial import size_of
-from scan2fea.estimation.laws import law_spread, with_law_spread
+from scan2fea.estimation.laws import PLAUSIBLE, law_spread, with_law_spread
 from scan2fea.estimation.likelihood import Layout, SectionModel, bounds, hull_area, model_of, prior, sigma_floor
 from scan2fea.estimation.observability import observable
 from scan2fea.estimation.polish import Polished, polished
@@ -39,6 +39,7 @@ _TRIM_SHARE = 0.01  # of the length: what `rough_ends` is good to
 _BARS = ("rect", "round")
 _POLISH_BELOW = 0.3  # sigma / t (shape-estimation.md, method 7)
 _EXACT = 0.02  # sigma / t below which the faces alone are as good as the likelihood, whose maximum is then a needle
+_ROUNDING = 1e-7  # of the section's size: how far exact points are known to lie on the faces, and the polish to have ended
 _SANDWICH_POINTS = 8_000  # curvature and outer products agree within 2 %
 
 
@@ -222,7 +223,9 @@ def _exact(task: _Task, layout: Layout, done: Scored, smooth: Polished, held: Ma
     if len(task.points) > task.options.subsample:
         again = polished(task.model(layout), smooth.theta, task.size_m, held)
         smooth = again if again.converged else smooth
-    return layout, replace(done, theta=smooth.theta, converged=True), smooth.covariance
+    rounding = np.zeros(len(smooth.theta))
+    rounding[: layout.n_values] = np.where(np.diag(smooth.covariance)[: layout.n_values] > 0, (_ROUNDING * task.size_m) ** 2, 0.0)
+    return layout, replace(done, theta=smooth.theta, converged=True), smooth.covariance + np.diag(rounding)
 
 
 def _result(
@@ -245,6 +248,7 @@ def _result(
         sigma,
         sigma_error=task.options.sigma_error,
         kernel_spread=law_spread(layout.family, noises),
+        plausible_spread=law_spread(layout.family, noises, PLAUSIBLE),
     )
     weight = seen_weights(model, done.theta)
     weight = weight / max(float(weight.max()), 1e-300)

@@ -44,6 +44,7 @@ _UPRIGHT = 2e-3  # slope of the section across its axis above which it is fitted
 _RETURNS = 2
 _CROWDED = 0.2  # share of the points that crowd off the member, four times what is allowed
 _HOPELESS = 2.0  # scatter beyond that of neighbours over mill tolerance, four times what is allowed: another shape, whatever the rays say
+_CHORD = 2e-3  # of the section: circles bulge so far beyond their polygons, and exact points are rounded
 _NEAR_SIGMAS = 4.0  # from the section: what lies further off has no say about the ends
 
 
@@ -364,7 +365,7 @@ def _significant(sweep: Sweep, fit: SectionFit) -> tuple[Sweep, FloatArray, Floa
 def _near(coordinates: FloatArray, fit: SectionFit) -> BoolArray:
     """Points in the outline or within four sigma of it: those that can be on the sides or on the caps."""
     distance = outline_distance(section(fit.family, dict(zip(fit.names, fit.values.tolist(), strict=True))), coordinates[:, :2])[0]
-    return np.asarray(distance < _NEAR_SIGMAS * fit.sigma_m + 1e-9)
+    return np.asarray(distance < _NEAR_SIGMAS * fit.sigma_m + _CHORD * float(fit.values.max()))
 
 
 def _ends(coordinates: FloatArray, fit: SectionFit, span: tuple[float, float]) -> Ends:

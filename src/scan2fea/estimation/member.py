@@ -16,7 +16,7 @@ from scan2fea.errors import EstimationError, InputError, UsageError, require
 from scan2fea.estimation.axis import Axis, axes_of, tilted, turned
 from scan2fea.estimation.caps import SOLID, ends_show, inside_of
 from scan2fea.estimation.ends import Ends, find_ends, rough_ends
-from scan2fea.estimation.explain import Explanation, explanation, outline_distance
+from scan2fea.estimation.explain import MIN_SLENDER, Explanation, explanation, outline_distance
 from scan2fea.estimation.fit import MIN_POINTS, FitOptions, SectionFit, fit_section
 from scan2fea.estimation.given import Given, Told, compared, joint_p_value
 from scan2fea.estimation.initial import starts
@@ -41,7 +41,7 @@ _UNSEEN = 0.05  # points per metre against the densest face: what noise carries 
 _REACH = "it is only how far the scan reaches: no two faces that were seen fix it"
 _BLENDED = "its two faces do not stand apart: one face under wider noise explains the points too"
 _UPRIGHT = 2e-3  # slope of the section across its axis above which it is fitted again along it: the fit shears, errors grow as the square
-_RETURNS = 2
+_RETURNS = 1
 _CROWDED = 0.2  # share of the points that crowd off the member, four times what is allowed
 _HOPELESS = 2.0  # scatter beyond that of neighbours over mill tolerance, four times what is allowed: another shape, whatever the rays say
 _CHORD = 2e-3  # of the section: circles bulge so far beyond their polygons, and exact points are rounded
@@ -111,8 +111,10 @@ def fit_member(
         found = dataclasses.replace(found, given=(*found.given, *_beside(found, nominal)))
     other = _SOLID.get(found.member.family)
     closed = other in families and found.member.family in ("RHS", "CHS") and ends_show(points, found.member) == SOLID
-    if other in families and (closed or not found.explains):  # from outside a tube and a bar are alike, but a bar's caps are closed
-        bar = _swept(points, axes, dataclasses.replace(options, family=other), (other,), fixed or {})
+    short = found.explanation.slenderness < MIN_SLENDER  # along another axis it may be a bar
+    may_be = not found.explains and (short or not _is_hopeless(found.explanation))  # where the likeliest is hopeless a likeness of it is too
+    if other in families and (closed or may_be):  # from outside a tube and a bar are alike, but a bar's caps are closed
+        bar = _swept(points, axes if short else (found.axis,), dataclasses.replace(options, family=other), (other,), fixed or {})
         found = bar if bar.explains else found
     if not _is_hopeless(found.explanation) and needs_rays(scan, found.member, found.explains):
         member, told, why_not = refined(scan, found.member, found.explanation, fixed or {}, families, options.seed)
@@ -246,7 +248,8 @@ def _upright(
         if axis.bow.any() or axis.twist.any() or float(np.abs(slope).max()) < _UPRIGHT:
             break
         axis = tilted(axis, points, slope, options.seed)
-        fit = _section(points, axis, options, families, fixed)
+        left = tuple(fit.families) if isinstance(fit, SectionFit) else families  # those that the slope did not put out of question
+        fit = _section(points, axis, options, left, fixed)
     return axis, fit
 
 

@@ -1,4 +1,4 @@
-"""`python -m scan2fea.pipeline.warm`: runs a small ball through everything, so that all kernels are compiled (numba keeps them on disk).
+"""`python -m scan2fea.pipeline.warm`: runs small objects through everything, so that all kernels are compiled (numba keeps them on disk).
 
 Not needed for anything but speed: without it the first run takes about a minute longer.
 """
@@ -10,9 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
+from scan2fea.estimation.member import fit_member
 from scan2fea.io import write_scan_ply
 from scan2fea.pipeline.config import load_config
 from scan2fea.pipeline.run import run
+from scan2fea.registration.register import register
+from scan2fea.registration.surface import common_edge, surface_of
 from scan2fea.types import FloatArray, PointCloud, Rays, Scan
 
 N_POINTS = 1500
@@ -25,8 +28,23 @@ def _ball() -> FloatArray:
     return np.stack([np.cos(around) * np.sin(polar), np.sin(around) * np.sin(polar), np.cos(polar)], axis=1)
 
 
+def _angle() -> FloatArray:
+    """(n, 3) points evenly over the sides of an angle with legs of 0.1 m, 0.5 m long."""
+    k = np.arange(N_POINTS)
+    corners = np.array([[0.0, 0.0], [0.1, 0.0], [0.1, 0.01], [0.01, 0.01], [0.01, 0.1], [0.0, 0.1], [0.0, 0.0]])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    around = (k + 0.5) / N_POINTS * along[-1]
+    xy = np.stack([np.interp(around, along, corners[:, axis]) for axis in (0, 1)], axis=1)
+    return np.asarray(np.c_[xy, 0.5 * (k * 0.6180339887498949 % 1.0)], np.float64)
+
+
 def main() -> None:
-    """Once with sensor positions and once without: both ways through the reconstruction."""
+    """A member is fitted, two frames are registered; then a ball goes through both ways of the reconstruction: with sensor positions and without."""
+    rng = np.random.default_rng(0)
+    frames = [Scan(cloud=PointCloud.of(_angle() + rng.normal(0.0, 0.001, (N_POINTS, 3)))) for _ in range(2)]
+    fit_member(frames[0])
+    edge = common_edge([frame.cloud.points for frame in frames])
+    register([surface_of(frame, edge) for frame in frames], [None, None])
     points = _ball()
     rays = Rays(origin=3 * points, direction=-points, range_m=np.full(N_POINTS, 2.0))
     config = load_config(None, {"remeshing.max_faces": 500, "run.jobs": 1})

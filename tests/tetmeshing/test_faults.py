@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from predicates import box, moved, rotation, sphere
+from scan2fea.errors import MeshingError
+from scan2fea.tetmeshing import FillOptions, fill
 from scan2fea.tetmeshing.faults import faults_in_words, smallest_angles
 from scan2fea.types import TriangleMesh
 
@@ -47,3 +49,28 @@ def test_a_face_without_area_has_no_fold_but_is_a_needle():
     assert needle == pytest.approx(0.0, abs=1e-9)
     assert place == pytest.approx(vertices[new])
     assert fold > 80
+
+
+def test_surfaces_that_bound_no_solid_are_refused_with_what_was_counted():
+    solid = box()
+    open_box = TriangleMesh(vertices=solid.vertices, faces=solid.faces[1:])
+    inverted = TriangleMesh(vertices=solid.vertices, faces=solid.faces[:, ::-1])
+    inner = TriangleMesh(
+        vertices=np.vstack([solid.vertices, 0.25 + 0.5 * solid.vertices]), faces=np.vstack([solid.faces, solid.faces[:, ::-1] + len(solid.vertices)])
+    )
+    flat = TriangleMesh(vertices=solid.vertices * [1, 1, 0], faces=solid.faces)
+    for mesh, says in ((open_box, "open: 3 edges"), (inverted, "inside out"), (inner, "2 shells"), (flat, "encloses 0 m3")):
+        with pytest.raises(MeshingError, match=says):
+            fill(mesh, None)
+    crossing = sphere(rounds=2).vertices.copy()
+    crossing[0] = -1.5 * crossing[0]
+    with pytest.raises(MeshingError, match="pairs of its faces cross"):
+        fill(TriangleMesh(vertices=crossing, faces=sphere(rounds=2).faces), None)
+
+
+def test_a_budget_too_small_for_the_walls_is_told():
+    ball = sphere(rounds=2)
+    assert "over_budget" not in fill(ball, None, FillOptions(order=1)).how
+    filled = fill(ball, None, FillOptions(max_elements=100, order=1))
+    assert filled.how["over_budget"] is True
+    assert len(filled.tets.tets) > 100

@@ -15,7 +15,7 @@ from scan2fea.kernel.measures import volume as enclosed_volume
 from scan2fea.kernel.quality import TET_LIMITS, tet_dihedrals, triangle_angles
 from scan2fea.options import option
 from scan2fea.tetmeshing.child import run_worker
-from scan2fea.tetmeshing.faults import faults_in_words
+from scan2fea.tetmeshing.faults import faults_in_words, require_solid
 from scan2fea.tetmeshing.naming import Names, names_of, prove_order
 from scan2fea.tetmeshing.optimise import OptimiseOptions, optimised
 from scan2fea.tetmeshing.sizing import element_size
@@ -84,8 +84,7 @@ def fill(mesh: TriangleMesh, brep: Brep | None, options: FillOptions = FillOptio
     is good; the best is returned also where it stays below the limit of `verification`, which then refuses it. Raises MeshingError where no attempt
     gives a mesh, with the reason of the first.
     """
-    volume = enclosed_volume(mesh)
-    require(volume > 0, MeshingError, f"the surface encloses {volume:.6g} m3: it is inside out or flat; repair it first")
+    require_solid(mesh)
     names = names_of(mesh, brep)
     size = element_size(mesh, options.max_elements, options.max_nodes, options.seed)
     require(options.edge_m is None or options.edge_m > 0, MeshingError, f"tetmeshing.edge_m is {options.edge_m} m; it must be greater than 0")
@@ -96,6 +95,7 @@ def fill(mesh: TriangleMesh, brep: Brep | None, options: FillOptions = FillOptio
     except MeshingError as error:
         raise MeshingError(f"{error}{faults_in_words(mesh)}") from None
     how = {**vars(chosen), "done": best.done, "min_dihedral_deg": best.worst_deg, "wall_m": size.wall_m, "attempts": tried, "steps": best.steps}
+    how |= {"over_budget": True} if len(best.tets) > options.max_elements else {}  # the walls ask for more than was allowed
     return Filled(tets=tet_mesh(best.nodes, best.tets, best.boundary, best.face_tag, names.names, options.order), how=how)
 
 

@@ -88,6 +88,16 @@ def parser() -> argparse.ArgumentParser:
     )
     _add_options(register)
 
+    reconstruct = commands.add_parser("reconstruct", help="the points of one file as one closed surface", allow_abbrev=False)
+    reconstruct.add_argument("file", metavar="FILE")
+    reconstruct.add_argument("-o", "--out", required=True, metavar="OUT", help="folder for what is made")
+    reconstruct.add_argument("--method", metavar="M", help="visibility (default), planar, scale_space [reconstruction.method]")
+    reconstruct.add_argument("--unit", help="unit of the file where its format states none [input.unit]")
+    reconstruct.add_argument(
+        "--sensor-position", nargs=3, type=float, metavar=("X", "Y", "Z"), help="where the scanner stood, in the frame and unit of the file"
+    )
+    _add_options(reconstruct)
+
     config = commands.add_parser("config", help="print every option, with its explanation, as TOML", allow_abbrev=False)
     _add_options(config, seed=False)
 

@@ -15,6 +15,7 @@ SHORT_FORMS = {
     "labels": "input.labels",
     "sensor_position": "input.sensor_position",
     "seed": "run.seed",
+    "method": "reconstruction.method",
     "family": "estimation.family",
     "member": "route.member",
     "catalogue": "route.catalogue",

@@ -1,0 +1,140 @@
+"""Scale space: points drawn onto the plane of their neighbours, again and again; meshed there; the vertices taken back to where they were measured.
+
+Digne, Morel, Souzani, Lartigue, "Scale space meshing of raw data point sets", 2011: each point goes onto the plane of its neighbours, a step of mean
+curvature motion, H r^2 / 4. The plain form takes every point within the radius: sheets nearer than that collapse onto each other. The side-aware form
+takes those of the point's own side only, so that a wall keeps its thickness at any scale. The mesher is the minimum cut, whose surface is closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scan2fea.errors import ReconstructionError
+from scan2fea.kernel.jit import jit
+from scan2fea.kernel.neighbors import k_nearest
+from scan2fea.kernel.noise import sampled_rows
+from scan2fea.kernel.predicates import self_intersections
+from scan2fea.kernel.side_normals import SAME_SIDE, near_lists
+from scan2fea.kernel.topology import degenerate_faces, vertex_faces
+from scan2fea.options import option
+from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
+from scan2fea.types import BoolArray, FloatArray, IntArray, PointCloud, Scan, TriangleMesh
+
+NEIGHBORS = 12  # the radius is the mean distance to the twelfth, over SAMPLES points, and stays (CGAL's default)
+SAMPLES = 300
+FEWEST = 5  # points in the ball, with itself: with fewer a point is not moved
+RETREATS = 30
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScaleSpaceOptions(VisibilityOptions):
+    scale: int = option(4, "scale_space: steps of smoothing before the surface is found", minimum=0, maximum=100)
+    side_aware: bool = option(True, "scale_space: smooth with neighbours of the same side only, so that walls keep their thickness")
+
+
+def smoothing_radius(points: FloatArray, seed: int = 0) -> float:
+    """Mean distance to the twelfth neighbour, m."""
+    distance, _ = k_nearest(points, NEIGHBORS + 1, points[sampled_rows(len(points), SAMPLES, seed)])
+    return float(distance[:, -1].mean())
+
+
+def smoothed(points: FloatArray, radius_m: float, scale: int, normals: FloatArray | None = None) -> FloatArray:
+    """(n, 3) the points after `scale` steps at a fixed radius; point i stays point i.
+
+    normals : (n, 3) outward: only neighbours whose normals agree with the point's are used (side-aware); None for all (plain).
+    """
+    now = np.array(points, float)
+    for _ in range(scale):
+        near = near_lists(now, radius_m)
+        side = np.zeros((0, 3)) if normals is None else np.ascontiguousarray(normals)
+        now = _projected(near.points, side, near.first, near.index)
+    return now
+
+
+@jit
+def _projected(points: FloatArray, normals: FloatArray, first: IntArray, index: IntArray) -> FloatArray:
+    """Each point on the least squares plane of its neighbours: two buffers, so that the order does not matter."""
+    out = points.copy()
+    scatter, mean = np.zeros((3, 3)), np.zeros(3)
+    for p in range(len(points)):
+        mean[:] = 0.0
+        count = 0
+        for o in range(first[p], first[p + 1]):
+            q = index[o]
+            if len(normals) and (normals[p] * normals[q]).sum() <= SAME_SIDE:
+                continue
+            mean += points[q]
+            count += 1
+        if count < FEWEST:
+            continue
+        mean /= count
+        scatter[:] = 0.0
+        for o in range(first[p], first[p + 1]):
+            q = index[o]
+            if len(normals) and (normals[p] * normals[q]).sum() <= SAME_SIDE:
+                continue
+            for a in range(3):
+                for b in range(3):
+                    scatter[a, b] += (points[q, a] - mean[a]) * (points[q, b] - mean[b])
+        axis = np.linalg.eigh(scatter)[1][:, 0]
+        height = ((points[p] - mean) * axis).sum()
+        out[p] = points[p] - height * axis
+    return out
+
+
+def scale_space(scan: Scan, options: VisibilityOptions = ScaleSpaceOptions()) -> Reconstruction:
+    """The closed surface at scale `options.scale`, its vertices taken back to scale 0.
+
+    Where going back makes faces cross, the vertices there stay as far out as needed (told as `n_held_back`). Raises ReconstructionError.
+    """
+    given = options if isinstance(options, ScaleSpaceOptions) else ScaleSpaceOptions()
+    first = visibility(scan, options)
+    points = scan.cloud.points
+    radius = smoothing_radius(points, options.seed)
+    moved = smoothed(points, radius, given.scale, first.normals if given.side_aware else None)
+    coarse = visibility(_at(scan, moved, first.normals), options)
+    if first.source == "ranges":
+        raise ReconstructionError("scale_space has no rays to move along: shuffle the points or use reconstruction.method = visibility")
+    row, distance = _row_of(coarse.mesh.vertices, coarse.points)
+    target = np.where((distance <= first.spacing_m)[:, None], points[row], coarse.mesh.vertices)
+    mesh, n_held = returned(coarse.mesh, target)
+    facts: Mapping[str, float | str] = {
+        **coarse.how, "method": "scale_space", "scale": given.scale, "radius_m": radius, "n_held_back": n_held,
+        "side_aware": "yes" if given.side_aware else "no", "spacing_m": first.spacing_m, "sigma_m": first.sigma_m,
+    }  # fmt: skip
+    return replace(coarse, mesh=mesh, spacing_m=first.spacing_m, sigma_m=first.sigma_m, how=facts)
+
+
+def _at(scan: Scan, points: FloatArray, normals: FloatArray) -> Scan:
+    """The scan with its points elsewhere."""
+    cloud: PointCloud = scan.cloud.replaced(points=points, normals=normals)
+    return replace(scan, cloud=cloud)
+
+
+def _row_of(vertices: FloatArray, points: FloatArray) -> tuple[IntArray, FloatArray]:
+    distance, row = k_nearest(points, 1, vertices)
+    return row[:, 0], distance[:, 0]
+
+
+def returned(mesh: TriangleMesh, target: FloatArray) -> tuple[TriangleMesh, int]:
+    """The mesh with its vertices at `target` (n, 3), or part of the way there where faces would cross; and how many vertices were held back.
+
+    The mesh must be free of crossings: then a share of 0 always is.
+    """
+    share = np.ones(len(target))
+    start, faces_at = vertex_faces(mesh.faces, len(mesh.vertices))
+    for attempt in range(RETREATS):
+        now = replace(mesh, vertices=mesh.vertices + share[:, None] * (target - mesh.vertices))
+        bad: BoolArray = degenerate_faces(now.vertices, now.faces)
+        bad[np.unique(self_intersections(now))] = True
+        if not bad.any():
+            return now, int((share < 1.0).sum())
+        corners = np.unique(now.faces[bad])
+        for _ in range(attempt // 4):  # wider where holding the faces themselves back does not help
+            ring = np.concatenate([faces_at[start[v] : start[v + 1]] for v in corners])
+            corners = np.unique(mesh.faces[ring])
+        share[corners] = np.where(share[corners] > 0.1, 0.5 * share[corners], 0.0)
+    return mesh, len(target)

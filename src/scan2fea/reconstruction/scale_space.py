@@ -16,6 +16,7 @@ from scan2fea.errors import ReconstructionError
 from scan2fea.kernel.jit import jit
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import sampled_rows
+from scan2fea.kernel.normals import least_axis
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.side_normals import SAME_SIDE, near_lists
 from scan2fea.kernel.topology import degenerate_faces, vertex_faces
@@ -58,30 +59,28 @@ def smoothed(points: FloatArray, radius_m: float, scale: int, normals: FloatArra
 def _projected(points: FloatArray, normals: FloatArray, first: IntArray, index: IntArray) -> FloatArray:
     """Each point on the least squares plane of its neighbours: two buffers, so that the order does not matter."""
     out = points.copy()
-    scatter, mean = np.zeros((3, 3)), np.zeros(3)
+    sided = len(normals) > 0
     for p in range(len(points)):
-        mean[:] = 0.0
+        mx = my = mz = 0.0
         count = 0
         for o in range(first[p], first[p + 1]):
             q = index[o]
-            if len(normals) and (normals[p] * normals[q]).sum() <= SAME_SIDE:
+            if sided and normals[p, 0] * normals[q, 0] + normals[p, 1] * normals[q, 1] + normals[p, 2] * normals[q, 2] <= SAME_SIDE:
                 continue
-            mean += points[q]
-            count += 1
+            mx, my, mz, count = mx + points[q, 0], my + points[q, 1], mz + points[q, 2], count + 1
         if count < FEWEST:
             continue
-        mean /= count
-        scatter[:] = 0.0
+        mx, my, mz = mx / count, my / count, mz / count
+        xx = xy = xz = yy = yz = zz = 0.0
         for o in range(first[p], first[p + 1]):
             q = index[o]
-            if len(normals) and (normals[p] * normals[q]).sum() <= SAME_SIDE:
+            if sided and normals[p, 0] * normals[q, 0] + normals[p, 1] * normals[q, 1] + normals[p, 2] * normals[q, 2] <= SAME_SIDE:
                 continue
-            for a in range(3):
-                for b in range(3):
-                    scatter[a, b] += (points[q, a] - mean[a]) * (points[q, b] - mean[b])
-        axis = np.linalg.eigh(scatter)[1][:, 0]
-        height = ((points[p] - mean) * axis).sum()
-        out[p] = points[p] - height * axis
+            x, y, z = points[q, 0] - mx, points[q, 1] - my, points[q, 2] - mz
+            xx, xy, xz, yy, yz, zz = xx + x * x, xy + x * y, xz + x * z, yy + y * y, yz + y * z, zz + z * z
+        ax, ay, az = least_axis(xx, xy, xz, yy, yz, zz)
+        height = (points[p, 0] - mx) * ax + (points[p, 1] - my) * ay + (points[p, 2] - mz) * az
+        out[p, 0], out[p, 1], out[p, 2] = points[p, 0] - height * ax, points[p, 1] - height * ay, points[p, 2] - height * az
     return out
 
 

@@ -214,6 +214,7 @@ class Brep(Value):
     face_names, face_kinds ("plane", "cylinder", "facet", ...): one per B-Rep face, in the order of the STEP file.
     region_of_face : (f,) int64, the face_region of the surface it was made from, -1 for a single facet.
     facet_of_face : (f,) int64, the surface face a single facet stands for, -1 otherwise.
+    face_centre, face_area : (f, 3), (f,) metres, of solids with curved faces, whose triangles only come near to them; else None.
     """
 
     step: str
@@ -226,6 +227,13 @@ class Brep(Value):
     is_valid: bool
     n_solids: int
     n_free_edges: int
+    face_centre: FloatArray | None = None
+    face_area: FloatArray | None = None
+
+    @property
+    def is_curved(self) -> bool:
+        """Whether triangles only come near to its faces."""
+        return self.face_area is not None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

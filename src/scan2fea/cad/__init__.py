@@ -1,7 +1,9 @@
-"""B-Rep and STEP: triangles to a CAD solid (AP214, millimetres), several solids to one assembly."""
+"""B-Rep and STEP: a surface to a CAD solid (AP214, millimetres) of true faces or of facets, several solids to one assembly."""
 
 from scan2fea.cad.assembly import assembly
 from scan2fea.cad.brep import CadOptions, to_brep
 from scan2fea.cad.prism import prism_brep
+from scan2fea.cad.solid import Trued, true_solid
+from scan2fea.cad.surfaces import Snap
 
-__all__ = ["CadOptions", "assembly", "prism_brep", "to_brep"]
+__all__ = ["CadOptions", "Snap", "Trued", "assembly", "prism_brep", "to_brep", "true_solid"]

@@ -31,6 +31,8 @@ class CadOptions:
         minimum=0.0,
         maximum=1e-3,
     )
+    true_faces: bool = option(True, "planes, cylinders, cones and spheres become true faces where the object is bounded by them")
+    time_limit_s: float = option(120.0, "wall clock for the true faces of one object; without them its faces are facets", unit="s", minimum=1.0)
     max_faces: int = option(24_000, "largest number of faces of the solid; CAD systems and checks become unusable beyond", minimum=4)
 
 

@@ -27,6 +27,7 @@ from scan2fea.pipeline.outputs import BREP, MEMBER, write_object
 from scan2fea.pipeline.part import Made, Part
 from scan2fea.pipeline.record import Record, Tracked
 from scan2fea.pipeline.results import object_row
+from scan2fea.pipeline.true_faces import build_true
 from scan2fea.reconstruction import reconstruct
 from scan2fea.remeshing import AIM_DEG, eased, remesh, worst_dihedral
 from scan2fea.repair import repair
@@ -67,7 +68,7 @@ def _chain(made: Made, source: Tracked[Part], config: Config, record: Record) ->
         surface = _surface(made, source, config, record)
         if any(not check.passed for check in made.checks):
             return  # refused: what follows would only decorate a wrong shape
-        tets = _solid_and_tets(made, surface, config, record)
+        tets = build_true(made, surface, source, config, record) or _solid_and_tets(made, surface, config, record)
     moved(made, "tets", boundary_surface(tets.value))
     _verify_geometry(made)
     if any(not check.passed for check in made.checks):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from scan2fea.cad import Snap
 from scan2fea.kernel.coverage import Deviation
 from scan2fea.pipeline.route import ESTIMATION, Estimate
 from scan2fea.types import Brep, Check, FEModel, FEResult, FloatArray, Member, Route, Scan, TetMesh, TriangleMesh, Value
@@ -35,6 +36,7 @@ class Made:
     how: dict[str, Any] = field(default_factory=dict)
     deviation: Deviation | None = None
     brep: Brep | None = None
+    snaps: tuple[Snap, ...] = ()  # relations between its true faces that were tested
     tets: TetMesh | None = None
     model: FEModel | None = None
     result: FEResult | None = None

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from scan2fea import __version__
+from scan2fea.cad import Snap
 from scan2fea.fea.surfaces import surface
 from scan2fea.io import RawScan
 from scan2fea.io.files import sha256_of
@@ -99,9 +100,10 @@ def volume_row(tets: TetMesh, steps: Sequence[Mapping[str, Any]] = ()) -> dict[s
     return {**row, "optimised": finite_tree(list(steps))} if steps else row
 
 
-def cad_row(brep: Brep, tets: TetMesh | None) -> dict[str, Any]:
-    """objects[].cad; the names are those of the sets of the deck."""
+def cad_row(brep: Brep, tets: TetMesh | None, how: Mapping[str, Any], snaps: Sequence[Snap]) -> dict[str, Any]:
+    """objects[].cad; the names are those of the sets of the deck. route, reason : true faces, or why they are facets; none of these for a member."""
     kinds = brep.face_kinds
+    told = {"route": how.get("cad_route"), "reason": how.get("cad_reason") or None, "snaps": [_snap_row(s) for s in snaps]}
     return {
         "n_faces": len(kinds),
         "valid": brep.is_valid,
@@ -109,9 +111,18 @@ def cad_row(brep: Brep, tets: TetMesh | None) -> dict[str, Any]:
         "n_planar": sum(kind in ("plane", "facet") for kind in kinds),
         "n_cylindrical": kinds.count("cylinder"),
         "n_nurbs": kinds.count("nurbs"),
+        "n_conical": kinds.count("cone"),
+        "n_spherical": kinds.count("sphere"),
+        "n_revolution": kinds.count("revolution"),
         "n_facets": kinds.count("facet"),
+        **({key: value for key, value in told.items() if value is not None} if told["route"] else {}),
         "face_names": list(brep.face_names if tets is None else tets.face_names)[:MAX_NAMES],
     }
+
+
+def _snap_row(snap: Snap) -> dict[str, Any]:
+    """One tested relation between surfaces; `off` in radians for directions, else metres."""
+    return {**dataclasses.asdict(snap), "unit": "rad" if snap.relation in ("parallel", "orthogonal") else "m"}
 
 
 def fea_row(model: FEModel, result: FEResult) -> dict[str, Any]:
@@ -173,7 +184,7 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
     if made.tets is not None:
         row["volume"] = volume_row(made.tets, made.how.get("steps") or ())
     if made.brep is not None:
-        row["cad"] = cad_row(made.brep, made.tets)
+        row["cad"] = cad_row(made.brep, made.tets, made.how, made.snaps)
     if made.model is not None and made.result is not None:
         row["fea"] = fea_row(made.model, made.result)
     row["deviation"] = deviation_row(made)

@@ -103,12 +103,25 @@ def _facts(item: Item, size: Sequence[float] | None) -> Html:
     rows += [("Sensor position", item["sensor"])] if item.get("sensor") else []
     rows += [("Measured surface", percent(share))] if share is not None else []
     if cad:
-        kinds = [(cad.get("n_planar"), "planar"), (cad.get("n_cylindrical"), "cylindrical"), (cad.get("n_nurbs"), "free-form")]
+        kinds = [(cad.get("n_planar"), "planar"), (cad.get("n_cylindrical"), "cylindrical"), (cad.get("n_conical"), "conical")]
+        kinds += [(cad.get("n_spherical"), "spherical"), (cad.get("n_revolution"), "turned"), (cad.get("n_nurbs"), "free-form")]
         rows += [("CAD faces", f"{count(cad.get('n_faces'))} ({', '.join(f'{count(n)} {kind}' for n, kind in kinds if n)})")]
+        rows += [("CAD relations", _relations(cad["snaps"]))] if cad.get("snaps") else []
+        rows += [("CAD faces are facets because", cad["reason"])] if cad.get("reason") else []
     rows += [("Elements", f"{count((item.get('volume') or {}).get('n_tets'))} {fea.get('elements', '')}")] if item.get("volume") else []
     rows += [("Material", fea["material"].get("name", "\u2013"))] if fea.get("material") else []
     rows += [("Made by", f"{item.get('route')}: {item.get('route_reason') or 'no reason given'}")]
     return facts(rows)
+
+
+def _relations(snaps: Sequence[Mapping[str, Any]]) -> str:
+    """How many relations of each kind were applied, and how many the data refused."""
+    told = []
+    for name in sorted({str(snap["relation"]) for snap in snaps}):
+        applied = [bool(snap["applied"]) for snap in snaps if snap["relation"] == name]
+        refused = f", {count(applied.count(False))} refused by the data" if not all(applied) else ""
+        told.append(f"{name}: {count(sum(applied))} applied{refused}")
+    return "; ".join(told)
 
 
 def _checks(item: Item) -> Html:

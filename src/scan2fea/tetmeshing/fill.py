@@ -19,7 +19,7 @@ from scan2fea.tetmeshing.faults import faults_in_words, require_solid
 from scan2fea.tetmeshing.naming import Names, names_of, prove_order
 from scan2fea.tetmeshing.optimise import OptimiseOptions, optimised
 from scan2fea.tetmeshing.sizing import element_size
-from scan2fea.tetmeshing.tets import boundary_of, proved, tagged, tet_mesh
+from scan2fea.tetmeshing.tets import VOLUME_AGREES, boundary_of, proved, tagged, tet_mesh
 from scan2fea.types import Brep, FloatArray, IntArray, TetMesh, TriangleMesh, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
@@ -28,6 +28,8 @@ ENOUGH_DEG = 12.0  # no second attempt above: what every object reaches whose su
 LIMIT_DEG = float(TET_LIMITS["min_dihedral_deg"].fail or 0.0)
 SHORT_S = 60.0  # less than this is not split between attempts
 MANY_FACES = 400  # B-Rep faces up to which meshing face by face makes sense; above it the faces are facets, smaller than elements
+CHORDS = 3e-3  # of the volume: what straight edges on curved faces may cut off or add; verification refuses 5e-3
+PER_TURN = (24.0, 36.0, 54.0)  # edges round a circle, more where these cut off too much
 TOO_MANY_FACES = 6000  # where the triangles cannot be kept, face by face is tried up to here; gmsh needs some seconds per 1000 faces
 
 
@@ -60,6 +62,7 @@ class _Attempt:
     algorithm: str
     edge_m: float
     growth: float
+    per_turn: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -127,6 +130,11 @@ def _best(
 
 def _attempts(mesh: TriangleMesh, brep: Brep | None, edge: float, options: FillOptions) -> Iterator[_Attempt]:
     """Most promising first. A kept triangle with a small angle gives a tet with one: a surface of needles is no start where there are true faces."""
+    if brep is not None and brep.is_curved:  # its triangles only come near to it
+        for per_turn in PER_TURN:
+            for algorithm in ("auto", "other"):
+                yield _Attempt(route="brep", algorithm=algorithm, edge_m=edge, growth=options.growth, per_turn=per_turn)
+        return
     routes = [options.route]
     if options.route == "auto":
         n_faces = np.inf if brep is None else len(brep.face_names)
@@ -146,15 +154,16 @@ def _run(attempt: _Attempt, mesh: TriangleMesh, brep: Brep | None, names: Names,
         fixed = options.edge_m is not None  # an edge that was asked for is kept, whatever it costs
         budget = {"max_tets": np.inf if fixed else options.max_elements, "max_nodes": np.inf if fixed else options.max_nodes}
         sizes = {"size_mm": attempt.edge_m * MILLIMETRES_PER_METRE, "max_size_mm": max(max_edge_m, attempt.edge_m) * MILLIMETRES_PER_METRE}
-        job = {**common, **budget, **sizes, "kind": "brep"}
+        job = {**common, **budget, **sizes, "kind": "brep", "per_turn": attempt.per_turn}
         found = _from_brep(job, mesh, brep, names, limits)
     else:
         found = _from_surface({**common, "kind": "surface", "growth": attempt.growth}, mesh, names, limits)
-    proved(found.nodes, found.tets, found.boundary, enclosed_volume(mesh))
+    held, agrees = (brep.volume_m3, CHORDS) if brep is not None and brep.is_curved else (enclosed_volume(mesh), VOLUME_AGREES)
+    proved(found.nodes, found.tets, found.boundary, held, agrees)
     if options.optimise == "none":
         return found
     better = _better(found, options)
-    proved(better.nodes, better.tets, better.boundary, enclosed_volume(mesh))
+    proved(better.nodes, better.tets, better.boundary, held, agrees)
     return better
 
 

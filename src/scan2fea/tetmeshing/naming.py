@@ -20,7 +20,8 @@ CENTRE_AGREES = 1e-5  # of the size; two plane faces of one solid that share cen
 class Names(Value):
     """names : of the tags.   tag_of_triangle : (m,) per triangle of the surface.   tag_of_face : (f,) per B-Rep face.
 
-    face_centre : (f, 3), face_area : (f,) of the B-Rep faces, measured on the surface: the proof of the order of the STEP file.
+    face_centre : (f, 3), face_area : (f,) of the B-Rep faces, measured on the surface (of curved ones by who made them): the proof of the order of
+    the STEP file.
     """
 
     names: tuple[str, ...]
@@ -32,7 +33,8 @@ class Names(Value):
 
 def names_of(mesh: TriangleMesh, brep: Brep | None) -> Names:
     """Names from the B-Rep: a tag for each plane face, FREEFORM for all facets. Without a B-Rep, regions of the surface: REGION_0, ..."""
-    label = planar_regions(mesh).label
+    curved = brep is not None and brep.is_curved and mesh.face_region is not None
+    label = mesh.face_region if curved and mesh.face_region is not None else planar_regions(mesh).label
     if brep is None:
         ids = np.unique(label[label >= 0])
         titles, is_plane = [f"REGION_{i}" for i in ids] + [""], np.arange(len(ids) + 1) < len(ids)
@@ -52,6 +54,8 @@ def names_of(mesh: TriangleMesh, brep: Brep | None) -> Names:
     middle = mesh.vertices[mesh.faces].mean(1)
     moment = np.stack([np.bincount(face_of, weights=weight * middle[:, k], minlength=n_faces) for k in range(3)], axis=1)
     centre = moment / np.maximum(area, 1e-300)[:, None]
+    if brep is not None and brep.face_centre is not None and brep.face_area is not None:
+        centre, area = brep.face_centre, brep.face_area
     return Names(names=names, tag_of_triangle=tag.astype(np.int64), tag_of_face=of_face.astype(np.int64), face_centre=centre, face_area=area)
 
 

@@ -37,8 +37,8 @@ def _key(faces: IntArray, n: int) -> IntArray:
     return np.asarray((a * n + b) * n + c, np.int64)
 
 
-def proved(nodes: FloatArray, tets: IntArray, boundary: IntArray, volume_m3: float) -> None:
-    """Raises MeshingError unless all tets are positive, conform, and fill `volume_m3` inside one closed manifold surface."""
+def proved(nodes: FloatArray, tets: IntArray, boundary: IntArray, volume_m3: float, agrees: float = VOLUME_AGREES) -> None:
+    """Raises MeshingError unless all tets are positive, conform, and fill `volume_m3` (to `agrees`) inside one closed manifold surface."""
     require(len(tets) > 0, MeshingError, "the mesher gave no tets: does the surface enclose a volume?")
     volumes = tet_volumes(nodes, tets)
     require((volumes > 0).all(), MeshingError, f"{int((volumes <= 0).sum())} of {len(tets)} tets have no positive volume")
@@ -47,8 +47,8 @@ def proved(nodes: FloatArray, tets: IntArray, boundary: IntArray, volume_m3: flo
     whole = found.is_closed and found.is_manifold and found.is_oriented and found.n_components == 1
     require(whole, MeshingError, "the boundary of the tets is not one closed surface")
     off = abs(float(volumes.sum()) / volume_m3 - 1)
-    says = f"the tets fill {volumes.sum():.9g} m3, the solid holds {volume_m3:.9g} m3 (limit {VOLUME_AGREES:g} of it)"
-    require(off <= VOLUME_AGREES, MeshingError, says)
+    says = f"the tets fill {volumes.sum():.9g} m3, the solid holds {volume_m3:.9g} m3 (limit {agrees:g} of it)"
+    require(off <= agrees, MeshingError, says)
 
 
 def with_mid_nodes(nodes: FloatArray, tets: IntArray, boundary: IntArray) -> tuple[FloatArray, IntArray, IntArray]:

@@ -3,8 +3,9 @@
 gmsh may crash, hang or eat memory on a bad surface; in a process of its own it takes nothing else along. The file is run by its path, so that it
 loads gmsh and numpy and not the rest of the package. It talks through two npz files and exits with 0 also where gmsh refuses (`error` says why).
 
-Job: kind "brep" (step, shift_mm, size_mm, max_size_mm, max_tets, max_nodes) or "surface" (vertices, faces, growth); algorithm "hxt", "delaunay",
-"auto" (by the shape of the triangles) or "other" (than auto takes); good_deg: no optimisation above; memory_gib.
+Job: kind "brep" (step, shift_mm, size_mm, max_size_mm, max_tets, max_nodes, per_turn: edges round a circle) or "surface" (vertices, faces,
+growth); algorithm "hxt", "delaunay", "auto" (by the shape of the triangles) or "other" (than auto takes); good_deg: no optimisation above;
+memory_gib.
 Result, in the units of the job: nodes (n, 3), tets (m, 4), tags (n,) gmsh's numbers of the nodes, min_dihedral_deg, done (what ran, as text); brep
 also triangles (k, 3), face (k,) index of the STEP face of each, `coarser` than asked by, and face_centre, face_area of each STEP face, by which the
 caller proves the order.
@@ -150,6 +151,7 @@ def _load_brep(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:
     for name, value in {"Mesh.MeshSizeMin": 0.0, "Mesh.MeshSizeExtendFromBoundary": 0, "Mesh.MeshSizeFromPoints": 0, "Mesh.Algorithm": 6}.items():
         gmsh.option.setNumber(name, value)
     faces = [tag for _, tag in gmsh.model.getEntities(2)]
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", float(job["per_turn"]))
     centre = np.array([gmsh.model.occ.getCenterOfMass(2, tag) for tag in faces]).reshape(-1, 3)
     area = np.array([gmsh.model.occ.getMass(2, tag) for tag in faces])
     return {"face_centre": centre, "face_area": area}
@@ -162,9 +164,13 @@ def _set_sizes(gmsh: Any, size: float, factor: float) -> None:
     """
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
     limit: dict[int, float] = {}
+    per_turn = gmsh.option.getNumber("Mesh.MeshSizeFromCurvature")
+    for curve in gmsh.model.getEntities(1) if per_turn else []:  # as fine beside a round edge as on it
+        limit[curve[1]] = min(size, 2 * math.pi * _radius(gmsh, curve[1]) / per_turn)
     for face in gmsh.model.getEntities(2):
         curves = [tag for _, tag in gmsh.model.getBoundary([face], combined=False, oriented=False)]
         length = {tag: gmsh.model.occ.getMass(1, tag) for tag in curves}
+        curves = [tag for tag in curves if length[tag] > 1e-9]  # the pole of a sphere is an edge without length
         width = 2 * gmsh.model.occ.getMass(*face) / sum(length.values())  # of a strip; of a triangle this is the inradius, a third of its height
         width *= 3.0 if len(curves) == 3 else 1.0
         for tag in curves:
@@ -177,6 +183,16 @@ def _set_sizes(gmsh: Any, size: float, factor: float) -> None:
     smallest = gmsh.model.mesh.field.add("Min")
     gmsh.model.mesh.field.setNumbers(smallest, "FieldsList", fields)
     gmsh.model.mesh.field.setAsBackgroundMesh(smallest)
+
+
+def _radius(gmsh: Any, curve: int) -> float:
+    """The smallest radius of curvature at places along a curve; infinite where it is straight, or the pole of a sphere."""
+    if gmsh.model.occ.getMass(1, curve) < 1e-9:
+        return math.inf
+    low, high = gmsh.model.getParametrizationBounds(1, curve)
+    places = np.linspace(float(low[0]), float(high[0]), 9)
+    bend = float(np.abs(gmsh.model.getCurvature(1, curve, places)).max())
+    return 1.0 / bend if math.isfinite(bend) and bend > 0 else math.inf
 
 
 def _growing_field(gmsh: Any, curves: list[int], low: float, high: float) -> int:

@@ -1,0 +1,299 @@
+"""Which faces of a surface lie on which plane, cylinder, cone or sphere: every kind grown from seeds, the largest kept, the simplest of equals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2fea.kernel.measures import extent, face_areas, face_normals
+from scan2fea.kernel.surfaces import CONE, CYLINDER, PLANE, SPHERE, Surface, fit_surface, fitted
+from scan2fea.kernel.topology import edge_table, face_components
+from scan2fea.types import BoolArray, IntArray, TriangleMesh, Value
+
+SEED_WAVES = 4  # rings of faces round a seed for the first fit
+LEAST_FACES = 8
+GROW_COSINE = float(np.cos(np.radians(30.0)))  # smoothed normals of an edge of the mesh turn by up to half its dihedral angle
+FLAT_RAD = 0.15  # normals that turn by less over a whole region are those of a plane as far as noise lets tell
+SIMPLER = 0.93  # a simpler kind wins with this share of the area of the largest
+KINDS = (PLANE, CYLINDER, SPHERE, CONE)
+MAX_FAILURES = 60  # seeds in a row without a surface: what is left is free form
+MEETS = 0.94  # cosine of normals: surfaces nearer to parallel do not meet in a crease
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Patches(Value):
+    """label : (m,) number of the surface of each face, -1 free form.   surfaces : one per number, as fitted to the vertices."""
+
+    label: IntArray
+    surfaces: tuple[Surface, ...]
+
+
+class Near:
+    """Neighbours of the faces of a closed manifold mesh, their areas, and normals averaged over rings."""
+
+    def __init__(self, mesh: TriangleMesh, rounds: int = 2) -> None:
+        self.mesh = mesh
+        self.table = edge_table(mesh.faces)
+        self.of = self.table.twin.reshape(-1, 3) // 3
+        self.areas = face_areas(mesh)
+        self.normals = face_normals(mesh)
+        smooth = self.normals
+        for _ in range(rounds):
+            stacked = np.concatenate([smooth[:, None], smooth[self.of]], axis=1)
+            weight = np.concatenate([self.areas[:, None], self.areas[self.of]], axis=1)
+            # neighbours across a crease say nothing of this face
+            weight = weight * (np.einsum("fc,fkc->fk", smooth, stacked) > 0.5)
+            smooth = (stacked * weight[..., None]).sum(1)
+            smooth /= np.maximum(np.linalg.norm(smooth, axis=1, keepdims=True), 1e-300)
+        self.smooth = smooth
+        self.centres = mesh.vertices[mesh.faces].mean(1)
+
+    def ring(self, inside: BoolArray, front: IntArray) -> IntArray:
+        """Faces next to `front` that are not yet inside."""
+        near = np.unique(self.of[front])
+        return np.asarray(near[~inside[near]])
+
+    def around(self, seed: int, free: BoolArray, waves: int = SEED_WAVES) -> IntArray:
+        """The free faces within some rings of a seed that turn gradually."""
+        inside = np.zeros(len(self.areas), bool)
+        inside[seed] = True
+        front = np.array([seed])
+        for _ in range(waves):
+            front = self.ring(inside, front)
+            front = front[free[front] & (self.smooth[front] @ self.smooth[seed] > 0.3)]
+            inside[front] = True
+        return np.flatnonzero(inside)
+
+
+def segmented(mesh: TriangleMesh, tolerance_m: float) -> Patches:
+    """The surfaces of a closed manifold mesh whose vertices lie within `tolerance_m` of them. Planes of `mesh.face_region` are believed."""
+    near = Near(mesh)
+    label, surfaces = _given(mesh, near)
+    turn = 1 - np.einsum("fc,fkc->fk", near.smooth, near.smooth[near.of]).min(1)
+    tried = np.zeros(len(mesh.faces), bool)
+    failures = 0
+    for seed in np.argsort(turn, kind="stable").tolist():
+        if label[seed] >= 0 or tried[seed] or failures > MAX_FAILURES:
+            continue
+        found = _best(near, seed, label < 0, tolerance_m)
+        tried[seed] = True
+        if found is None:
+            failures += 1
+            continue
+        rows, surface = found
+        failures = 0
+        label[rows] = len(surfaces)
+        surfaces.append(surface)
+    return _merged(near, label, surfaces, tolerance_m)
+
+
+def _given(mesh: TriangleMesh, near: Near) -> tuple[IntArray, list[Surface]]:
+    """The planes of the remeshing, one per region."""
+    label = np.full(len(mesh.faces), -1, np.int64)
+    surfaces: list[Surface] = []
+    if mesh.face_region is None:
+        return label, surfaces
+    for region in np.unique(mesh.face_region[mesh.face_region >= 0]).tolist():
+        rows = np.flatnonzero(mesh.face_region == region)
+        fit = fit_surface(PLANE, mesh.vertices[np.unique(mesh.faces[rows])], near.normals[rows])
+        if fit is not None:
+            label[rows] = len(surfaces)
+            surfaces.append(fit)
+    return label, surfaces
+
+
+def _best(near: Near, seed: int, free: BoolArray, tolerance: float) -> tuple[IntArray, Surface] | None:
+    """The largest region that a surface of any kind grows to from a seed."""
+    start = near.around(seed, free)
+    if len(start) < LEAST_FACES:
+        return None
+    found = [(kind, _grown(near, start, free, kind, tolerance)) for kind in KINDS]
+    grown = [(kind, region) for kind, region in found if region is not None]
+    if not grown:
+        return None
+    area = [float(near.areas[region[0]].sum()) for _, region in grown]
+    return next(region for (_, region), a in zip(grown, area, strict=True) if a >= SIMPLER * max(area))
+
+
+def _fit(near: Near, rows: IntArray, kind: str, start: Surface | None) -> Surface | None:
+    """The surface of the vertices of some faces, each vertex with the mean normal of its faces there."""
+    corners = near.mesh.faces[rows].ravel()
+    used, index = np.unique(corners, return_inverse=True)
+    points = near.mesh.vertices[used]
+    if start is not None:
+        return fitted(start, points)
+    normals = np.stack([np.bincount(index, weights=np.repeat(near.smooth[rows, k], 3)) for k in range(3)], axis=1).astype(float)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+    return fit_surface(kind, points, normals)
+
+
+def _fits(near: Near, rows: IntArray, surface: Surface, tolerance: float) -> BoolArray:
+    """Which faces have all corners on the surface and look its way."""
+    corners = near.mesh.vertices[near.mesh.faces[rows]]
+    off = np.abs(surface.distance(corners.reshape(-1, 3))).reshape(-1, 3).max(1)
+    facing = np.einsum("ij,ij->i", surface.normals(near.centres[rows]), near.smooth[rows])
+    return np.asarray((off <= tolerance) & (facing > GROW_COSINE))
+
+
+def _grown(near: Near, start: IntArray, free: BoolArray, kind: str, tolerance: float) -> tuple[IntArray, Surface] | None:
+    """Grow, fit again, until nothing is gained. None where the kind does not hold the start, or bends too little to be told from a plane."""
+    surface = _fit(near, start, kind, None)
+    size = 0
+    rows = start
+    for _ in range(40):
+        if surface is None:
+            return None
+        kept = start[_fits(near, start, surface, tolerance)]
+        if len(kept) < 0.6 * len(start):
+            return None
+        inside = np.zeros(len(near.areas), bool)
+        inside[kept] = True
+        front, count = kept, len(kept)
+        while len(front) and count <= 2 * max(size, len(start)):
+            front = near.ring(inside, front)
+            front = front[free[front]]
+            front = front[_fits(near, front, surface, tolerance)]
+            inside[front] = True
+            count += len(front)
+        rows = np.flatnonzero(inside)
+        if len(rows) <= 1.01 * size and not len(front):
+            break
+        size = max(size, len(rows))
+        # few faces round a seed hardly bend: the first guess is made again while the region is small
+        again = _fit(near, rows, kind, None)
+        surface = again if again is not None else _fit(near, rows, kind, surface)
+    if surface is None or len(rows) < LEAST_FACES or not _is_bent(near, rows, surface):
+        return None
+    return rows, surface
+
+
+def _is_bent(near: Near, rows: IntArray, surface: Surface) -> bool:
+    """Does a round surface turn enough to be one?"""
+    if surface.kind == PLANE:
+        return True
+    normals = surface.normals(near.centres[rows])
+    spread = np.linalg.svd(normals - normals.mean(0), compute_uv=False) / np.sqrt(len(rows))
+    least = spread[0] if surface.kind == CYLINDER else spread[1]
+    if surface.kind == CONE:
+        return bool(spread[0] > FLAT_RAD and abs(surface.second) > np.radians(2.0))
+    return bool(least > FLAT_RAD / 2)
+
+
+def _merged(near: Near, label: IntArray, surfaces: list[Surface], tolerance: float) -> Patches:
+    """Regions that are one surface joined, stray faces given to a neighbour they lie on, pieces that do not touch numbered apart."""
+    label = label.copy()
+    _join(near, label, surfaces, tolerance)
+    for _ in range(12):
+        front = np.flatnonzero((label < 0) & (label[near.of] >= 0).any(1))
+        changed = False
+        for side in range(3):
+            k = label[near.of[front, side]]
+            for number in np.unique(k[k >= 0]).tolist():
+                rows = front[(k == number) & (label[front] < 0)]
+                take = rows[_fits(near, rows, surfaces[number], tolerance)] if len(rows) else rows
+                label[take] = number
+                changed |= bool(len(take))
+        if not changed:
+            break
+    same = label[near.table.twin // 3] == np.repeat(label, 3)
+    joined = np.zeros(len(near.table.edges), bool)
+    joined[near.table.edge_of[same]] = True
+    _, part = face_components(near.mesh.faces, joined)
+    out = np.full(len(label), -1, np.int64)
+    kept: list[Surface] = []
+    for piece in np.unique(part[label >= 0]).tolist():
+        rows = np.flatnonzero(part == piece)
+        if len(rows) >= 2:
+            out[rows] = len(kept)
+            kept.append(surfaces[label[rows[0]]])
+    return Patches(label=out, surfaces=tuple(kept))
+
+
+def _join(near: Near, label: IntArray, surfaces: list[Surface], tolerance: float) -> None:
+    """Neighbouring regions of one surface become one, where the larger's surface (or one through both) holds the smaller."""
+    while True:
+        a, b = label[near.table.twin // 3], np.repeat(label, 3)
+        pairs = np.unique(np.stack([a, b], axis=1)[(a < b) & (a >= 0)], axis=0)
+        done = True
+        for i, j in pairs.tolist():
+            big, small = (i, j) if near.areas[label == i].sum() >= near.areas[label == j].sum() else (j, i)
+            rows = np.flatnonzero(label == small)
+            if _fits(near, rows, surfaces[big], tolerance).mean() < 0.9:
+                continue
+            label[rows] = big
+            both = _fit(near, np.flatnonzero(label == big), surfaces[big].kind, surfaces[big])
+            surfaces[big] = both if both is not None else surfaces[big]
+            done = False
+            break
+        if done:
+            return
+
+
+def without_roundings(mesh: TriangleMesh, patches: Patches, reach_m: float) -> Patches:
+    """Patches along creases, where the surface is rounded by the noise, given up: the smallest first, where every corner lies within reach of two
+    surfaces next to it that meet at an angle there. The wall of a hole in a thin plate is near two surfaces too, but these do not meet.
+    """
+    near, label = Near(mesh, 0), patches.label.copy()
+    area = np.bincount(label[label >= 0], weights=near.areas[label >= 0], minlength=len(patches.surfaces))
+    for number in np.argsort(area, kind="stable").tolist():
+        rows = np.flatnonzero(label == number)
+        if not len(rows) or area[number] > 0.02 * near.areas.sum():
+            continue
+        if _is_rounding(near, patches.surfaces, rows, _beside(near, label, rows), reach_m):
+            label[rows] = -1
+    kept = np.unique(label[label >= 0])
+    packed = np.full(len(patches.surfaces) + 1, -1, np.int64)
+    packed[kept] = np.arange(len(kept))
+    return Patches(label=packed[label], surfaces=tuple(patches.surfaces[k] for k in kept))
+
+
+def _beside(near: Near, label: IntArray, rows: IntArray) -> list[int]:
+    """The surfaces next to some faces, or across free form from them."""
+    inside = np.zeros(len(label), bool)
+    inside[rows] = True
+    front, names = rows, set()  # type: tuple[IntArray, set[int]]
+    while len(front):
+        front = near.ring(inside, front)
+        names.update(label[front][label[front] >= 0].tolist())
+        front = front[label[front] < 0]
+        inside[front] = True
+    return sorted(names)
+
+
+def _is_rounding(near: Near, surfaces: tuple[Surface, ...], rows: IntArray, names: list[int], reach: float) -> bool:
+    if len(names) < 2:
+        return False
+    corners = near.mesh.vertices[np.unique(near.mesh.faces[rows])]
+    close = np.array([np.abs(surfaces[k].distance(corners)) <= reach for k in names])
+    normal = np.stack([surfaces[k].normals(corners) for k in names])
+    meets = np.zeros(len(corners), bool)
+    for i in range(len(names)):
+        for j in range(i):
+            angled = np.abs(np.einsum("vc,vc->v", normal[i], normal[j])) < MEETS
+            meets |= close[i] & close[j] & angled
+    return bool(meets.all())
+
+
+def free_share(mesh: TriangleMesh, patches: Patches) -> float:
+    """Share of the area that lies on no surface."""
+    areas = face_areas(mesh)
+    return float(areas[patches.label < 0].sum() / areas.sum())
+
+
+def unexplained(mesh: TriangleMesh, patches: Patches, reach_m: float) -> float:
+    """Share of the area whose faces reach farther than `reach_m` from every surface next to their free-form part: not the rounding of a crease."""
+    free = np.flatnonzero(patches.label < 0)
+    if not len(free):
+        return 0.0
+    areas, near = face_areas(mesh), Near(mesh, 0)
+    n, part = face_components(mesh.faces[free])
+    lost = 0.0
+    for number in range(n):
+        rows = free[part == number]
+        names = np.unique(patches.label[near.of[rows]])
+        names = names[names >= 0]
+        corners = mesh.vertices[mesh.faces[rows]].reshape(-1, 3)
+        off = np.min([np.abs(patches.surfaces[k].distance(corners)) for k in names], axis=0) if len(names) else np.full(len(corners), extent(corners))
+        lost += float(areas[rows[off.reshape(-1, 3).max(1) > reach_m]].sum())
+    return lost / float(areas.sum())

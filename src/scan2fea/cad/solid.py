@@ -1,0 +1,269 @@
+"""A surface whose parts lie on planes, cylinders, cones and spheres, as the solid of these true faces; or why it is none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from scan2fea.cad.brep import OCC_RESOLUTION_M, CadOptions
+from scan2fea.cad.cells import cell_solid
+from scan2fea.cad.naming import named_faces
+from scan2fea.cad.live import is_valid, joined_triangles, moved_by, parts, surface_of, tessellated, volume_of
+from scan2fea.cad.patches import Patches, segmented, unexplained, without_roundings
+from scan2fea.cad.readback import ReadBack, read_back
+from scan2fea.cad.revolved import turned_solid
+from scan2fea.cad.step_occ import named, step_of_solid
+from scan2fea.cad.surfaces import Fit, Snap, fit_to_points, snapped
+from scan2fea.errors import CadError
+from scan2fea.kernel.distances import PointToMesh
+from scan2fea.kernel.measures import extent
+from scan2fea.kernel.measures import volume as enclosed_volume
+from scan2fea.kernel.noise import sampled_rows
+from scan2fea.kernel.surfaces import CONE, SPHERE, Surface
+from scan2fea.kernel.topology import edge_table
+from scan2fea.types import BoolArray, Brep, FloatArray, IntArray, TriangleMesh, Value
+from scan2fea.units import MILLIMETRES_PER_METRE
+
+MAX_SURFACES = 120  # cells are cut by every surface with every other: more take minutes
+TOLERANCES = (1.0, 2.0)  # times the noise of the vertices for which the segmentation is tried
+MARGINS = (1.0, 3.0, 8.0)  # times the reach by which faces are drawn beyond their region
+UNEXPLAINED = 0.004  # share of the area that may lie on no surface: more is free form
+FIT_POINTS = 60_000
+VOLUME_OFF = 0.03  # of the volume of the surface: reconstructions of thin walls are a little too thick or thin
+CHORD = 0.1  # of the tolerance: how closely the solid is cut into triangles to be compared
+READS_BACK = 1e-6  # relative difference of volume between the shape and its file
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Trued(Value):
+    """brep, mesh : the solid of true faces and its triangles, whose face_region is the face of the B-Rep; None where the surface is free form.
+
+    reason : why.   snaps : relations tested.   how : figures for the report.
+    """
+
+    brep: Brep | None
+    mesh: TriangleMesh | None
+    reason: str
+    snaps: tuple[Snap, ...] = ()
+    how: Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Scale:
+    """spacing_m of the points.   noise_m : left in the vertices."""
+
+    spacing_m: float
+    noise_m: float
+    size_m: float
+
+    @property
+    def tolerance_m(self) -> float:
+        """Three standard deviations, and what remeshing moves vertices along a curved surface."""
+        return 3.0 * self.noise_m + 0.02 * self.spacing_m + 1e-6 * self.size_m
+
+    @property
+    def reach_m(self) -> float:
+        """How far the rounding of a crease may lie from its surfaces."""
+        return 1.5 * self.spacing_m + 9.0 * self.noise_m + 1e-6 * self.size_m
+
+
+def true_solid(
+    mesh: TriangleMesh, points: FloatArray, options: CadOptions = CadOptions(), *, spacing_m: float, noise_m: float
+) -> Trued:
+    """The solid of true faces of a closed surface.
+
+    points : (n, 3) measured, which the faces are fitted to.   spacing_m : of these.   noise_m : left in the vertices of `mesh`.
+    Nothing is raised where there is none: `reason` says why.
+    """
+    scale = _Scale(spacing_m=spacing_m, noise_m=noise_m, size_m=extent(mesh.vertices))
+    if not options.true_faces:
+        return _none("cad.true_faces is off")
+    reason = ""
+    for factor in TOLERANCES:
+        patches = without_roundings(mesh, segmented(mesh, factor * scale.tolerance_m), factor * scale.reach_m)
+        lost = unexplained(mesh, patches, factor * scale.reach_m)
+        said = _refused(patches, lost)
+        if said:
+            reason = reason or said
+            continue
+        found = _built(mesh, points, patches, scale, options)
+        if found.brep is not None:
+            return found
+        reason = found.reason
+    return _none(reason)
+
+
+def _none(reason: str) -> Trued:
+    return Trued(brep=None, mesh=None, reason=reason, how={})
+
+
+def _refused(patches: Patches, lost: float) -> str:
+    if lost > UNEXPLAINED:
+        return f"{lost:.1%} of the area lies on no plane, cylinder, cone or sphere"
+    if len(patches.surfaces) < 2:
+        return "fewer than two surfaces"
+    return ""
+
+
+def _built(mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: _Scale, options: CadOptions) -> Trued:
+    """Fit, snap, cut, check; the first margin that passes."""
+    fits, snaps = _fits(mesh, points, patches, scale)
+    middle = (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2
+    local = TriangleMesh(vertices=(mesh.vertices - middle) * MILLIMETRES_PER_METRE, faces=mesh.faces)
+    regions = [local.vertices[np.unique(mesh.faces[patches.label == k])] for k in range(len(patches.surfaces))]
+    best = [_in_mm(s, middle) for s in (patches.surfaces if fits is None else fits)]
+    mm = MILLIMETRES_PER_METRE
+    reason = ""
+    if any(s.kind == SPHERE for s in best):  # heads that are no spheres come as rings of them, which cannot be cut with each other
+        turned, reason = turned_solid(
+            local, (points - middle) * mm, patches, best, scale.spacing_m * mm, scale.noise_m * mm, scale.reach_m * mm
+        )  # fmt: skip
+        if turned is not None:
+            reason = _problem(turned, mesh, middle, scale)
+            if not reason:
+                return _result(turned, middle, scale, ())
+        reason = f"turned about an axis: {reason}; "
+    if len(best) > MAX_SURFACES:
+        return _none(f"{reason}{len(best)} surfaces, more than {MAX_SURFACES}")
+    first = ""
+    for drawn in [best] + ([] if fits is None else [[_in_mm(s, middle) for s in patches.surfaces]]):
+        for factor in MARGINS:
+            margin = factor * (scale.reach_m + scale.tolerance_m) * mm
+            solid = cell_solid(drawn, regions, [max(margin, 0.01 * factor * scale.size_m * mm)] * len(drawn), local)
+            problem = "the faces close no solid" if solid is None else _problem(solid, mesh, middle, scale)
+            if not problem:
+                return _result(solid, middle, scale, snaps)
+            first = first or problem
+    return _none(reason + first)
+
+
+def _fits(mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: _Scale) -> tuple[list[Surface] | None, tuple[Snap, ...]]:
+    """The surfaces fitted to the measured points of their regions, away from borders, with relations applied; None where one cannot be."""
+    used = points[sampled_rows(len(points), FIT_POINTS, 0)]
+    inner = _inner(mesh, patches.label)
+    at = PointToMesh(mesh).nearest(used)
+    near = at.distance <= 4 * scale.noise_m + 4 * scale.tolerance_m + scale.spacing_m
+    label = np.where(near, patches.label[at.face], -1)
+    deep = near & inner[at.face]
+    fits: list[Fit] = []
+    for k, surface in enumerate(patches.surfaces):
+        rows = np.flatnonzero((label == k) & deep)
+        if len(rows) < 30:
+            rows = np.flatnonzero(label == k)
+        if len(rows) < 12:
+            return None, ()
+        fit = fit_to_points(surface, used[rows], scale.size_m)
+        if fit is None:
+            return None, ()
+        fits.append(fit)
+    out, snaps = snapped(fits)
+    return [f.surface for f in out], tuple(snaps)
+
+
+def _inner(mesh: TriangleMesh, label: IntArray) -> BoolArray:
+    """(m,) faces none of whose corners another region or free form shares."""
+    table = edge_table(mesh.faces)
+    border = label[table.twin // 3] != np.repeat(label, 3)
+    ends = table.edges[table.edge_of[border]]
+    on_border = np.zeros(len(mesh.vertices), bool)
+    on_border[ends.ravel()] = True
+    return np.asarray(~on_border[mesh.faces].any(1))
+
+
+def _in_mm(surface: Surface, middle: FloatArray) -> Surface:
+    second = surface.second if surface.kind == CONE else surface.second * MILLIMETRES_PER_METRE
+    return replace(
+        surface, point=(surface.point - middle) * MILLIMETRES_PER_METRE, radius=surface.radius * MILLIMETRES_PER_METRE, second=second
+    )  # fmt: skip
+
+
+def _faces(solid: Any) -> list[Any]:
+    from OCP.TopAbs import TopAbs_FACE
+
+    return parts(solid, TopAbs_FACE)
+
+
+def _problem(solid: Any, mesh: TriangleMesh, middle: FloatArray, scale: _Scale) -> str:
+    """The first way in which the solid is not that of the surface; empty where there is none."""
+    from OCP.TopAbs import TopAbs_SOLID
+
+    if len(parts(solid, TopAbs_SOLID)) != 1 or not is_valid(solid):
+        return "the faces close no valid solid"
+    volume, wanted = volume_of(solid) / MILLIMETRES_PER_METRE**3, enclosed_volume(mesh)
+    if abs(volume / wanted - 1) > VOLUME_OFF:
+        return f"the solid of true faces holds {volume / wanted - 1:+.1%} of the volume of the surface more"
+    shown, _ = triangles_of(solid, middle, scale.tolerance_m)
+    off = PointToMesh(shown).nearest(mesh.vertices).distance
+    back = PointToMesh(mesh).nearest(shown.vertices[np.unique(shown.faces)]).distance
+    limit = 2 * scale.reach_m + 2 * scale.tolerance_m
+    if np.percentile(off, 95) > 2 * scale.tolerance_m + 0.2 * scale.spacing_m or off.max() > limit or back.max() > 2 * limit:
+        return (
+            f"the true faces lie off the surface: 95 % of it within {np.percentile(off, 95) * 1e3:.3g} mm, at most {off.max() * 1e3:.3g} mm, "
+            f"corners {back.max() * 1e3:.3g} mm"
+        )
+    return ""
+
+
+def triangles_of(solid: Any, middle: FloatArray, tolerance_m: float) -> tuple[TriangleMesh, IntArray]:
+    """The solid's triangles in metres where they are, and the face of each."""
+    tessellated(solid, max(CHORD * tolerance_m * MILLIMETRES_PER_METRE, 1e-3))
+    mesh, face = joined_triangles(_faces(solid))
+    return TriangleMesh(vertices=mesh.vertices / MILLIMETRES_PER_METRE + middle, faces=mesh.faces, face_region=face), face
+
+
+def _result(solid: Any, middle: FloatArray, scale: _Scale, snaps: tuple[Snap, ...]) -> Trued:
+    """The file, proved by reading it back, and the triangles of its faces in their order."""
+    placed = moved_by(solid, middle * MILLIMETRES_PER_METRE)
+    try:
+        text, numbers = step_of_solid(placed, OCC_RESOLUTION_M)
+        found = read_back(text)
+    except CadError as error:
+        return _none(str(error))
+    volume = volume_of(placed) / MILLIMETRES_PER_METRE**3
+    if not (found.is_valid and found.n_solids == 1 and found.n_free_edges == 0 and abs(found.volume_m3 / volume - 1) < READS_BACK):
+        return _none("the STEP file does not read back as the solid that was written")
+    mesh, face = triangles_of(solid, middle, scale.tolerance_m)
+    order = _order(mesh, face, found)
+    if order is None:
+        return _none("the faces of the STEP file are not those that were written")
+    mesh = replace(mesh, face_region=order[face])
+    made = [_in_m(surface_of(f), middle) for f in _faces(solid)]
+    surfaces = [made[k] for k in np.argsort(order)]
+    kinds, names = tuple(s.kind for s in surfaces), named_faces(mesh, surfaces)
+    brep = Brep(
+        step=named(text, numbers, names), face_names=names, face_kinds=kinds, region_of_face=np.arange(len(names)),
+        facet_of_face=np.full(len(names), -1, np.int64), volume_m3=found.volume_m3, area_m2=found.area_m2, is_valid=found.is_valid,
+        n_solids=found.n_solids, n_free_edges=found.n_free_edges, face_centre=found.face_centre, face_area=found.face_area,
+    )  # fmt: skip
+    return Trued(brep=brep, mesh=mesh, reason="", snaps=snaps, how=_told(snaps, brep))
+
+
+def _in_m(surface: Surface, middle: FloatArray) -> Surface:
+    k = 1 / MILLIMETRES_PER_METRE
+    second = surface.second if surface.kind == CONE else surface.second * k
+    return replace(surface, point=surface.point * k + middle, radius=surface.radius * k, second=second)
+
+
+def _order(mesh: TriangleMesh, face: IntArray, found: ReadBack) -> IntArray | None:
+    """For each face of the shape its place in the file, by centre and area; None where they do not pair off."""
+    n = int(face.max()) + 1
+    if len(found.face_area) != n:
+        return None
+    corners = mesh.vertices[mesh.faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
+    total = np.bincount(face, weights=area, minlength=n)
+    middle = np.stack([np.bincount(face, weights=area * corners[:, :, k].mean(1), minlength=n) for k in range(3)], axis=1).astype(float)
+    middle /= np.maximum(total, 1e-300)[:, None]
+    gap = np.linalg.norm(middle[:, None] - found.face_centre[None], axis=2) + np.sqrt(np.abs(total[:, None] - found.face_area[None]))
+    order = gap.argmin(1)
+    return order if len(np.unique(order)) == n else None
+
+
+def _told(snaps: Sequence[Snap], brep: Brep) -> dict[str, Any]:
+    kinds = {kind: brep.face_kinds.count(kind) for kind in sorted(set(brep.face_kinds))}
+    return {"faces": kinds, "snaps": sum(s.applied for s in snaps), "refused": sum(not s.applied for s in snaps)}
+
+

@@ -1,0 +1,262 @@
+"""The surfaces of a solid fitted to the measured points, and the relations between them that the data do not refuse.
+
+A right angle, a parallel, a common axis, an equal radius: each is a hypothesis with a chi-square test from the covariance of the fits. Where its
+p-value is above `ALPHA` the surfaces are made to obey it exactly and fitted again; where not they stay as measured. Every test is told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import gammaincc
+
+from scan2fea.kernel.surfaces import CYLINDER, FREEDOMS, PLANE, SPHERE, Surface, covariance, fitted
+from scan2fea.types import BoolArray, FloatArray, Value
+
+ALPHA = 0.01  # a true relation is refused once in a hundred
+CANDIDATE_RAD = float(np.radians(2.5))  # farther from parallel or square nobody would draw it so (reference recipe of issue 8)
+CLIP = 3.5  # standard deviations: a point farther off belongs to something else
+SIGMA_FLOOR = 1e-9  # of the size: noise of data without any
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Snap(Value):
+    """One tested relation. relation : parallel, orthogonal, coplanar, concentric, equal radius.   first, second : numbers of the surfaces.
+
+    off : by how much the fits depart from it, radians or metres.   applied : the data do not refuse it.
+    """
+
+    relation: str
+    first: int
+    second: int
+    off: float
+    p_value: float
+    applied: bool
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Fit(Value):
+    """A surface with the points that it was fitted to, the noise of these, and the covariance of the steps of `kernel.surfaces.moved`."""
+
+    surface: Surface
+    points: FloatArray
+    sigma_m: float
+    covariance: FloatArray
+
+    @property
+    def tilt(self) -> FloatArray:
+        """(2, 2) covariance of the axis in the frame of the surface."""
+        k = {PLANE: 1, SPHERE: 0}.get(self.surface.kind, 2)
+        return self.covariance[k : k + 2, k : k + 2]
+
+
+def fit_to_points(start: Surface, points: FloatArray, size_m: float) -> Fit | None:
+    """Least squares on the points within `CLIP` standard deviations of the surface; the noise is what the fit leaves."""
+    surface, used = start, points
+    for _ in range(3):
+        found = fitted(surface, used)
+        if found is None:
+            return None
+        surface = found
+        off = surface.distance(points)
+        sigma = max(1.4826 * float(np.median(np.abs(off - np.median(off)))), SIGMA_FLOOR * size_m)
+        keep = np.abs(off) <= CLIP * sigma + SIGMA_FLOOR * size_m
+        if keep.sum() <= 2 * FREEDOMS[surface.kind]:
+            return None
+        used = points[keep]
+    dof = max(len(used) - FREEDOMS[surface.kind], 1)
+    sigma = max(float(np.sqrt((surface.distance(used) ** 2).sum() / dof)), SIGMA_FLOOR * size_m)
+    return Fit(surface=surface, points=used, sigma_m=sigma, covariance=covariance(surface, used, sigma))
+
+
+def snapped(fits: Sequence[Fit]) -> tuple[list[Fit], list[Snap]]:
+    """The fits with all relations applied that the data do not refuse, and every relation that was tested."""
+    out, snaps = list(fits), []  # type: tuple[list[Fit], list[Snap]]
+    groups = _directions(out, snaps)
+    free = [np.ones(FREEDOMS[f.surface.kind], bool) for f in out]
+    for members in groups:
+        for k in members:
+            _hold(free[k], out[k].surface.kind, "tilt")
+            out[k] = _again(out[k], free[k])
+    for members in groups:
+        _coplanar([k for k in members if out[k].surface.kind == PLANE], out, snaps)
+        _concentric([k for k in members if out[k].surface.kind != PLANE], out, free, snaps)
+    _one_centre([k for k, f in enumerate(out) if f.surface.kind == SPHERE], out, free, snaps)
+    _equal_radii(out, free, snaps)
+    return out, snaps
+
+
+def _one_centre(members: list[int], out: list[Fit], free: list[BoolArray], snaps: list[Snap]) -> None:
+    """Spheres about one centre."""
+    known: list[int] = []
+    for k in sorted(members, key=lambda k: (float(np.trace(out[k].covariance[:3, :3])), k)):
+        for first in known:
+            off = out[first].surface.point - out[k].surface.point
+            gap = float(np.linalg.norm(off))
+            if gap > 2 * CLIP * max(out[k].sigma_m, out[first].sigma_m):
+                continue
+            p = _p_value(float(off @ np.linalg.solve(out[k].covariance[:3, :3] + out[first].covariance[:3, :3], off)), 3)
+            snaps.append(Snap(relation="concentric", first=first, second=k, off=gap, p_value=p, applied=p >= ALPHA))
+            if p >= ALPHA:
+                out[k] = replace(out[k], surface=replace(out[k].surface, point=out[first].surface.point))
+                _hold(free[k], SPHERE, "shift")
+                out[k] = _again(out[k], free[k])
+                break
+        else:
+            known.append(k)
+
+
+def _p_value(chi2: float, dof: int) -> float:
+    return float(gammaincc(dof / 2, chi2 / 2))
+
+
+def _hold(free: BoolArray, kind: str, what: str) -> None:
+    if what == "tilt" and kind != SPHERE:
+        k = 1 if kind == PLANE else 2
+        free[k : k + 2] = False
+    elif what == "shift":
+        free[: 3 if kind == SPHERE else 2] = False
+    elif what == "radius":
+        free[{CYLINDER: 4, SPHERE: 3}[kind]] = False
+
+
+def _again(fit: Fit, free: BoolArray) -> Fit:
+    """The fit with only its free steps; held ones lose their covariance."""
+    if not free.any():
+        return replace(fit, covariance=np.zeros_like(fit.covariance))
+    surface = fitted(fit.surface, fit.points, free=free) or fit.surface
+    full = covariance(surface, fit.points, fit.sigma_m)
+    keep = np.ix_(free, free)
+    cov = np.zeros_like(full)
+    cov[keep] = np.linalg.inv(np.linalg.inv(full)[keep]) if np.linalg.matrix_rank(full) == len(full) else full[keep]
+    return replace(fit, surface=surface, covariance=cov)
+
+
+def _directions(out: list[Fit], snaps: list[Snap]) -> list[list[int]]:
+    """Groups of surfaces with one direction, the best known first; later groups square to earlier ones where the data let them."""
+    order = sorted((k for k, f in enumerate(out) if f.surface.kind != SPHERE), key=lambda k: (float(np.trace(out[k].tilt)), k))
+    groups: list[list[int]] = []
+    axes: list[FloatArray] = []
+    for k in order:
+        home = next((g for g in range(len(groups)) if _is_parallel(out, k, groups[g][0], axes[g], snaps)), None)
+        if home is None:
+            axes.append(_squared(out, k, groups, axes, snaps))
+            groups.append([k])
+            home = len(groups) - 1
+        else:
+            groups[home].append(k)
+        axis = axes[home]
+        surface = out[k].surface
+        out[k] = replace(out[k], surface=replace(surface, axis=axis if surface.axis @ axis > 0 else -axis))
+    return groups
+
+
+def _is_parallel(out: list[Fit], k: int, other: int, axis: FloatArray, snaps: list[Snap]) -> bool:
+    fit = out[k]
+    sign = 1.0 if fit.surface.axis @ axis > 0 else -1.0
+    off = fit.surface.frame() @ (sign * axis - fit.surface.axis)
+    angle = float(np.linalg.norm(off))
+    if angle > CANDIDATE_RAD:
+        return False
+    turned = fit.surface.frame() @ out[other].surface.frame().T
+    total = fit.tilt + turned @ out[other].tilt @ turned.T
+    p = _p_value(float(off @ np.linalg.solve(total, off)), 2)
+    snaps.append(Snap(relation="parallel", first=other, second=k, off=angle, p_value=p, applied=p >= ALPHA))
+    return p >= ALPHA
+
+
+def _squared(out: list[Fit], k: int, groups: list[list[int]], axes: list[FloatArray], snaps: list[Snap]) -> FloatArray:
+    """The axis of a surface of a new direction, made square to the directions before it where the data do not refuse it."""
+    fit = out[k]
+    axis, held = fit.surface.axis, []  # type: tuple[FloatArray, list[FloatArray]]
+    for g, members in enumerate(groups):
+        sine = float(axis @ axes[g])
+        if abs(sine) > np.sin(CANDIDATE_RAD) or len(held) == 2:
+            continue
+        across = fit.surface.frame() @ axes[g]
+        other = out[members[0]]
+        back = other.surface.frame() @ axis
+        variance = float(across @ fit.tilt @ across + back @ other.tilt @ back)
+        p = _p_value(sine**2 / max(variance, 1e-300), 1)
+        snaps.append(Snap(relation="orthogonal", first=members[0], second=k, off=abs(sine), p_value=p, applied=p >= ALPHA))
+        if p >= ALPHA and all(abs(axes[g] @ h) < 1e-9 for h in held):
+            held.append(axes[g])
+            for h in held:
+                axis = axis - (axis @ h) * h
+            axis = axis / np.linalg.norm(axis)
+    return np.asarray(axis)
+
+
+def _coplanar(members: list[int], out: list[Fit], snaps: list[Snap]) -> None:
+    """Planes of one direction and side at one height become one plane, those that are best known first."""
+    known: list[list[int]] = []
+    for k in sorted(members, key=lambda k: (float(out[k].covariance[0, 0]), k)):
+        s = out[k].surface
+        for group in known:
+            o = out[group[0]]
+            if s.axis @ o.surface.axis < 0:
+                continue
+            gap = float((s.point - o.surface.point) @ o.surface.axis)
+            if abs(gap) > CLIP * max(out[k].sigma_m, o.sigma_m):
+                continue
+            p = _p_value(gap**2 / max(float(out[k].covariance[0, 0] + o.covariance[0, 0]), 1e-300), 1)
+            snaps.append(Snap(relation="coplanar", first=group[0], second=k, off=abs(gap), p_value=p, applied=p >= ALPHA))
+            if p >= ALPHA:
+                out[k] = replace(out[k], surface=replace(s, point=s.point - gap * o.surface.axis))
+                group.append(k)
+                break
+        else:
+            known.append([k])
+
+
+def _concentric(members: list[int], out: list[Fit], free: list[BoolArray], snaps: list[Snap]) -> None:
+    """Round surfaces of one direction on one axis."""
+    known: list[int] = []
+    for k in sorted(members, key=lambda k: (float(np.trace(out[k].covariance[:2, :2])), k)):
+        s = out[k].surface
+        for first in known:
+            o = out[first].surface
+            off = s.frame() @ (o.point - s.point)
+            gap = float(np.linalg.norm(off))
+            if gap > 0.2 * min(s.radius, o.radius) or gap > 2 * CLIP * max(out[k].sigma_m, out[first].sigma_m):
+                continue
+            turned = s.frame() @ o.frame().T
+            total = out[k].covariance[:2, :2] + turned @ out[first].covariance[:2, :2] @ turned.T
+            p = _p_value(float(off @ np.linalg.solve(total, off)), 2)
+            snaps.append(Snap(relation="concentric", first=first, second=k, off=gap, p_value=p, applied=p >= ALPHA))
+            if p >= ALPHA:
+                out[k] = replace(out[k], surface=replace(s, point=s.point + off @ s.frame()))
+                _hold(free[k], s.kind, "shift")
+                out[k] = _again(out[k], free[k])
+                break
+        else:
+            known.append(k)
+
+
+def _equal_radii(out: list[Fit], free: list[BoolArray], snaps: list[Snap]) -> None:
+    """Cylinders of one side, and spheres of one side, with one radius: the weighted mean of those that pass against it."""
+    for kind, row in ((CYLINDER, 4), (SPHERE, 3)):
+        for sense in (1, -1):
+            rest = [k for k, f in enumerate(out) if f.surface.kind == kind and f.surface.sense == sense and f.covariance[row, row] > 0]
+            rest.sort(key=lambda k: (float(out[k].covariance[row, row]), k))
+            while rest:
+                group = [rest.pop(0)]
+                for k in list(rest):
+                    weight = np.array([1 / out[j].covariance[row, row] for j in group])
+                    mean = float(weight @ [out[j].surface.radius for j in group] / weight.sum())
+                    off = out[k].surface.radius - mean
+                    if abs(off) > 2 * CLIP * out[k].sigma_m or abs(off) > 0.1 * mean:
+                        continue
+                    p = _p_value(off**2 / float(out[k].covariance[row, row] + 1 / weight.sum()), 1)
+                    snaps.append(Snap(relation="equal radius", first=group[0], second=k, off=abs(off), p_value=p, applied=p >= ALPHA))
+                    if p >= ALPHA:
+                        group.append(k)
+                        rest.remove(k)
+                weight = np.array([1 / out[j].covariance[row, row] for j in group])
+                mean = float(weight @ [out[j].surface.radius for j in group] / weight.sum())
+                for k in group if len(group) > 1 else []:
+                    out[k] = replace(out[k], surface=replace(out[k].surface, radius=mean))
+                    _hold(free[k], kind, "radius")
+                    out[k] = _again(out[k], free[k])

@@ -1,0 +1,85 @@
+"""The way of a surface that is bounded by planes, cylinders, cones and spheres: the solid of true faces, its tets, and the tests it must pass.
+
+Where one fails the surface goes the way of free form (triangles to facets), and the report says why.
+"""
+
+from __future__ import annotations
+
+from scan2fea.cad import CadOptions, Trued
+from scan2fea.errors import StageError
+from scan2fea.kernel.boundary import boundary_surface
+from scan2fea.kernel.coverage import deviation
+from scan2fea.pipeline.config import Config
+from scan2fea.pipeline.faces_worker import true_solid_in_child
+from scan2fea.pipeline.part import Made, Part
+from scan2fea.pipeline.record import Record, Tracked
+from scan2fea.remeshing import worst_dihedral
+from scan2fea.tetmeshing import Filled, FillOptions, fill
+from scan2fea.types import Brep, TetMesh, TriangleMesh
+from scan2fea.verification.limits import limits
+from scan2fea.verification.shape import deviation_checks
+
+TRUE, FACETS = "true faces", "facets"
+
+
+def build_true(
+    made: Made, surface: Tracked[TriangleMesh], source: Tracked[Part], config: Config, record: Record
+) -> Tracked[TetMesh] | None:
+    """Solid and tets of true faces, entered into `made`; None where the surface is none of these, with the reason in `made.how`."""
+    noise = made.sigma_m if made.residual_m is None else made.residual_m
+    scale = {"spacing_m": made.spacing_m, "noise_m": noise}
+    found = record(
+        "faces", _true_solid, surface, source, options=config.cad, extra=scale, n_in=len(surface.value.faces), count=_n_faces
+    )  # fmt: skip
+    made.how["cad_route"], made.how["cad_reason"] = FACETS, found.value.reason
+    if found.value.brep is None:
+        return None
+    try:
+        filled = record("tets", _fill, found, options=config.tetmeshing, n_in=_n_faces(found.value), count=lambda f: len(f.tets.tets))
+    except StageError as error:
+        made.how["cad_reason"] = f"true faces were found but not meshed: {error}"
+        return None
+    tets = filled.value.tets
+    problem = _problem(made, tets)
+    if problem:
+        made.how["cad_reason"] = problem
+        return None
+    made.brep, made.tets, made.snaps = found.value.brep, tets, found.value.snaps
+    made.how.update(filled.value.how)
+    made.how["cad_route"], made.how["cad_reason"] = TRUE, ""
+    return Tracked(tets, filled.key)
+
+
+def _true_solid(mesh: TriangleMesh, part: Part, options: CadOptions, *, spacing_m: float, noise_m: float) -> Trued:
+    cloud = part.scan.cloud
+    points = cloud.points if part.mesh is None else mesh.vertices
+    if part.mesh is None and cloud.is_inferred is not None:
+        points = points[~cloud.is_inferred]
+    return true_solid_in_child(mesh, points, options, spacing_m=spacing_m, noise_m=noise_m)
+
+
+def _fill(found: Trued, options: FillOptions) -> Filled:
+    mesh, brep = _both(found)
+    return fill(mesh, brep, options)
+
+
+def _both(found: Trued) -> tuple[TriangleMesh, Brep]:
+    if found.mesh is None or found.brep is None:
+        raise StageError("there is no solid of true faces")
+    return found.mesh, found.brep
+
+
+def _n_faces(found: Trued) -> int:
+    return 0 if found.brep is None else len(found.brep.face_names)
+
+
+def _problem(made: Made, tets: TetMesh) -> str:
+    """Why the tets of true faces would be refused later; then facets may still do."""
+    limit = float(limits()["tets.min_dihedral"]["limit"])
+    worst = worst_dihedral(tets)
+    if worst <= limit:
+        return f"true faces were found, but the tets inside come out as flat as {worst:.3g} deg (limit {limit:g})"
+    cloud = made.part.scan.cloud
+    off = deviation(boundary_surface(tets), cloud.points, made.spacing_m, made.sigma_m, cloud.is_inferred)
+    failed = [check for check in deviation_checks(off, made.spacing_m, made.sigma_m, None) if not check.passed]
+    return f"true faces were found, but {failed[0].says}" if failed else ""

@@ -1,0 +1,97 @@
+"""Bodies turned about an axis: heads that run smoothly into shells, rims, and nozzles that stand on them."""
+
+import functools
+
+import gmsh
+import numpy as np
+import pytest
+
+from predicates import rotation
+from scan2fea.cad import true_solid
+from scan2fea.cad.meridian import Piece, corner, fit_values, is_smooth, pieces_of
+from scan2fea.cad.readback import read_back
+from scan2fea.repair import repair
+from scan2fea.types import TriangleMesh
+
+EDGE, R, LENGTH = 0.008, 0.06, 0.12
+
+
+@functools.cache
+def vessel(hollow):
+    """A drum with ellipsoidal 2:1 heads and a nozzle, or an open shell with one such head; its triangles and its volume."""
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        occ = gmsh.model.occ
+
+        def drum(r, bottom, depth, top):
+            ball = occ.addSphere(0, 0, 0, r)
+            occ.dilate([(3, ball)], 0, 0, 0, 1, 1, depth / r)
+            occ.translate([(3, ball)], 0, 0, bottom)
+            return occ.fuse([(3, occ.addCylinder(0, 0, bottom, 0, 0, top - bottom, r))], [(3, ball)])[0]
+
+        if hollow:
+            body, _ = occ.cut(drum(R, 0, R / 2, LENGTH), drum(R - 0.01, 0, R / 2 - 0.01, LENGTH + 0.1))
+        else:
+            ball = occ.addSphere(0, 0, 0, R)
+            occ.dilate([(3, ball)], 0, 0, 0, 1, 1, 0.5)
+            occ.translate([(3, ball)], 0, 0, LENGTH)
+            body, _ = occ.fuse(drum(R, 0, R / 2, LENGTH), [(3, ball)])
+            body, _ = occ.fuse(body, [(3, occ.addCylinder(0, 0, LENGTH / 2, 0.1, 0, 0, 0.02))])
+        occ.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMax", EDGE)
+        gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 24)
+        gmsh.model.mesh.generate(2)
+        tags, xyz, _ = gmsh.model.mesh.getNodes()
+        row = np.zeros(int(tags.max()) + 1, np.int64)
+        row[tags.astype(np.int64)] = np.arange(len(tags))
+        faces = row[gmsh.model.mesh.getElementsByType(2)[1].astype(np.int64).reshape(-1, 3)]
+        held = occ.getMass(*body[0])
+    finally:
+        gmsh.finalize()
+    used, packed = np.unique(faces, return_inverse=True)
+    mesh = TriangleMesh(vertices=xyz.reshape(-1, 3)[used] @ rotation(1).T, faces=packed.reshape(-1, 3).astype(np.int64))
+    return repair(mesh).mesh, held  # the mesher does not turn all faces of a cut body the same way
+
+
+def noisy(mesh, sigma):
+    return TriangleMesh(vertices=mesh.vertices + sigma * np.random.default_rng(0).standard_normal(mesh.vertices.shape), faces=mesh.faces)
+
+
+@pytest.mark.parametrize("hollow", [False, True])
+def test_vessels_have_a_face_for_each_head_shell_rim_and_nozzle(hollow):
+    mesh, held = vessel(hollow)
+    noise = 2e-4
+    mesh = noisy(mesh, noise)
+    found = true_solid(mesh, mesh.vertices, spacing_m=EDGE / 2, noise_m=noise)
+    assert found.reason == ""
+    assert sorted(found.brep.face_kinds) == ["cylinder", "cylinder", "plane", "revolution", "revolution"]
+    assert found.brep.volume_m3 == pytest.approx(held, rel=1e-2 if hollow else 3e-3)
+    back = read_back(found.brep.step)
+    assert back.is_valid
+    assert (back.n_solids, back.n_free_edges) == (1, 0)
+
+
+def test_a_conic_is_found_from_its_points():
+    angle = np.linspace(0.1, 1.4, 50)
+    zr = np.column_stack([0.3 + 0.05 * np.cos(angle), 0.1 * np.sin(angle)])
+    a, b, c = fit_values(zr, "conic")
+    assert c == pytest.approx(-4.0, rel=1e-9)
+    assert -b / (2 * c) == pytest.approx(0.3)
+    assert np.sqrt(a - b * b / (4 * c)) == pytest.approx(0.1)
+
+
+def test_a_path_is_cut_into_the_longest_pieces():
+    z = np.linspace(0, 1, 101)
+    path = np.vstack([np.column_stack([z, np.full(101, 0.5)]), np.column_stack([np.full(50, 1.0), np.linspace(0.49, 0.0, 50)])])
+    found = pieces_of(path, 1e-6, 8)
+    assert [p.kind for p in found] == ["line", "line"]
+    assert (found[0].first, found[-1].last) == (0, len(path) - 1)
+    assert corner(found[0], found[1], path[found[0].last], 0.05) == pytest.approx([1.0, 0.5])
+
+
+def test_parallel_lines_apart_are_not_smooth_and_do_not_meet():
+    a = Piece(kind="line", values=np.array([0.0, 1.0, 0.5]), first=0, last=9)
+    b = Piece(kind="line", values=np.array([0.0, 1.0, 0.4]), first=10, last=19)
+    assert not is_smooth(a, b, np.array([0.0, 0.45]), 0.01)
+    assert corner(a, b, np.array([0.0, 0.45]), 0.1) is None

@@ -1,0 +1,163 @@
+"""Solids of true faces: planes, cylinders, cones and spheres found in noisy triangles, their relations, the file and the mesh of it."""
+
+import functools
+from dataclasses import replace
+
+import gmsh
+import numpy as np
+import pytest
+
+from predicates import rotation, torus
+from scan2fea.cad import CadOptions, assembly, true_solid
+from scan2fea.cad.patches import segmented, unexplained, without_roundings
+from scan2fea.cad.readback import read_back
+from scan2fea.kernel.boundary import boundary_surface
+from scan2fea.kernel.measures import volume
+from scan2fea.tetmeshing import fill
+from scan2fea.types import TriangleMesh
+
+EDGE = 0.004
+PLATE = 0.12 * 0.08 * 0.01 - np.pi * 0.01 * (0.01**2 + 2 * 0.006**2)
+CUP = np.pi * (0.05**2 * 0.02 - 0.008**2 * 0.06) + np.pi * 0.04 / 3 * (0.035**2 + 0.035 * 0.015 + 0.015**2)
+
+
+@functools.cache
+def meshed(kind):
+    """Triangles of an exact body, about EDGE long, in metres."""
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        occ = gmsh.model.occ
+        if kind == "plate":
+            body = [(3, occ.addBox(0, 0, 0, 0.12, 0.08, 0.01))]
+            tools = [(3, occ.addCylinder(x, y, -0.01, 0, 0, 0.03, r)) for x, y, r in ((0.03, 0.04, 0.01), (0.07, 0.02, 0.006), (0.1, 0.06, 0.006))]
+            occ.cut(body, tools)
+        elif kind == "cup":
+            body, _ = occ.fuse([(3, occ.addCylinder(0, 0, 0, 0, 0, 0.02, 0.05))], [(3, occ.addCone(0, 0, 0.02, 0, 0, 0.04, 0.035, 0.015))])
+            occ.cut(body, [(3, occ.addCylinder(0, 0, -0.01, 0, 0, 0.1, 0.008))])
+        else:
+            body = [(3, occ.addBox(0, 0, 0, 0.1, 0.1, 0.03))]
+            occ.fuse(body, [(3, occ.addSphere(0.05, 0.05, 0.03, 0.025))])
+        occ.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMax", EDGE)
+        gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 24)
+        gmsh.model.mesh.generate(2)
+        tags, xyz, _ = gmsh.model.mesh.getNodes()
+        row = np.zeros(int(tags.max()) + 1, np.int64)
+        row[tags.astype(np.int64)] = np.arange(len(tags))
+        faces = row[gmsh.model.mesh.getElementsByType(2)[1].astype(np.int64).reshape(-1, 3)]
+    finally:
+        gmsh.finalize()
+    used, packed = np.unique(faces, return_inverse=True)
+    mesh = TriangleMesh(vertices=xyz.reshape(-1, 3)[used], faces=packed.reshape(-1, 3).astype(np.int64))
+    return mesh if volume(mesh) > 0 else TriangleMesh(vertices=mesh.vertices, faces=mesh.faces[:, ::-1])
+
+
+def noisy(mesh, sigma, seed=0):
+    return TriangleMesh(vertices=mesh.vertices + sigma * np.random.default_rng(seed).standard_normal(mesh.vertices.shape), faces=mesh.faces)
+
+
+def solid_of(mesh, sigma, **options):
+    return true_solid(mesh, mesh.vertices, CadOptions(**options), spacing_m=EDGE, noise_m=sigma)
+
+
+@pytest.mark.parametrize(("sigma", "off"), [(0.0, 1e-9), (1e-4, 2e-3), (3e-4, 6e-3)])
+def test_a_plate_with_holes_has_a_face_for_each_side_and_hole(sigma, off):
+    found = solid_of(noisy(meshed("plate"), sigma), sigma)
+    assert found.reason == ""
+    brep = found.brep
+    assert sorted(brep.face_kinds) == ["cylinder"] * 3 + ["plane"] * 6
+    assert sorted(n for n in brep.face_names if n.startswith("HOLE")) == ["HOLE_01", "HOLE_02", "HOLE_03"]
+    assert brep.volume_m3 == pytest.approx(PLATE, rel=off)
+    back = read_back(brep.step)
+    assert back.is_valid
+    assert (back.n_solids, back.n_free_edges, len(back.face_area)) == (1, 0, 9)
+    assert "SI_UNIT(.MILLI.,.METRE.)" in brep.step
+    for name in brep.face_names:
+        assert brep.step.count(f"ADVANCED_FACE('{name}'") == 1
+
+
+def test_relations_that_hold_are_applied_exactly_and_told():
+    found = solid_of(noisy(meshed("plate"), 1e-4), 1e-4)
+    relations = {snap.relation for snap in found.snaps if snap.applied}
+    assert {"parallel", "orthogonal", "equal radius"} <= relations
+    assert all(0 <= snap.p_value <= 1 and snap.applied == (snap.p_value >= 0.01) for snap in found.snaps)
+
+
+def test_a_right_angle_that_the_data_refuse_stays_as_measured():
+    mesh = meshed("plate")
+    sheared = TriangleMesh(vertices=mesh.vertices + np.outer(mesh.vertices[:, 2], [0.0, 0.02, 0.0]), faces=mesh.faces)  # 1.15 deg
+    found = solid_of(noisy(sheared, 2e-5), 2e-5)
+    refused = [snap for snap in found.snaps if snap.relation == "orthogonal" and not snap.applied]
+    assert any(snap.off == pytest.approx(0.02, rel=0.2) for snap in refused)
+
+
+def test_cylinders_and_cones_on_one_axis():
+    found = solid_of(noisy(meshed("cup"), 1e-4), 1e-4)
+    assert sorted(found.brep.face_kinds) == ["cone", "cylinder", "cylinder", "plane", "plane", "plane"]
+    assert found.brep.volume_m3 == pytest.approx(CUP, rel=3e-3)
+    assert any(snap.relation == "concentric" and snap.applied for snap in found.snaps)
+
+
+def test_a_dome_is_a_sphere():
+    found = solid_of(noisy(meshed("dome"), 1e-4), 1e-4)
+    assert found.brep.face_kinds.count("sphere") == 1
+    assert found.brep.face_kinds.count("plane") == 6
+    assert found.brep.volume_m3 == pytest.approx(0.1 * 0.1 * 0.03 + 2 / 3 * np.pi * 0.025**3, rel=2e-3)
+    assert volume(boundary_surface(fill(found.mesh, found.brep).tets)) == pytest.approx(found.brep.volume_m3, rel=3e-3)
+
+
+def test_wherever_it_stands_it_is_the_same_solid():
+    mesh = meshed("plate")
+    turned = TriangleMesh(vertices=mesh.vertices @ rotation(3).T + 100.0, faces=mesh.faces)
+    a, b = solid_of(mesh, 0.0), solid_of(turned, 0.0)
+    assert sorted(a.brep.face_kinds) == sorted(b.brep.face_kinds)
+    assert b.brep.volume_m3 == pytest.approx(a.brep.volume_m3, rel=1e-7)
+
+
+def test_the_same_surface_gives_the_same_bytes_and_is_left_alone():
+    mesh = noisy(meshed("cup"), 1e-4)
+    kept = mesh.vertices.copy()
+    assert solid_of(mesh, 1e-4).brep.step == solid_of(mesh, 1e-4).brep.step
+    assert np.array_equal(mesh.vertices, kept)
+
+
+def test_free_form_is_told_and_given_back():
+    mesh = torus(0.1, 0.03)
+    found = true_solid(mesh, mesh.vertices, spacing_m=0.005, noise_m=0.0)
+    assert found.brep is None
+    assert "lies on no plane" in found.reason
+
+
+def test_it_can_be_switched_off():
+    assert solid_of(meshed("plate"), 0.0, true_faces=False).reason == "cad.true_faces is off"
+
+
+def test_tets_carry_the_names_of_the_faces_and_the_volume_of_the_solid():
+    found = solid_of(noisy(meshed("plate"), 1e-4), 1e-4)
+    tets = fill(found.mesh, found.brep).tets
+    assert set(tets.face_names) == set(found.brep.face_names)
+    assert set(np.unique(tets.face_tag)) == set(range(len(tets.face_names)))
+    surface = boundary_surface(tets)
+    assert volume(surface) == pytest.approx(found.brep.volume_m3, rel=3e-3)
+    hole = tets.face_names.index("HOLE_01")
+    corners = tets.nodes[tets.boundary[tets.face_tag == hole][:, :3]].reshape(-1, 3)
+    flat = corners - corners.mean(0)
+    assert np.linalg.svd(flat, compute_uv=False)[2] > 0.05 * len(corners) ** 0.5 * EDGE  # round, not flat
+
+
+def test_it_goes_into_an_assembly():
+    found = solid_of(meshed("plate"), 0.0)
+    back = read_back(assembly([found.brep, found.brep], ["A", "B"], [(1, 0, 0), (0, 1, 0)]))
+    assert back.n_solids == 2
+    assert back.is_valid
+
+
+def test_patches_along_rounded_creases_are_given_up_but_the_wall_of_a_hole_is_not():
+    mesh = noisy(meshed("plate"), 3e-4)
+    patches = segmented(mesh, 1e-3)
+    kept = without_roundings(mesh, patches, 0.009)
+    assert sorted(s.kind for s in kept.surfaces) == ["cylinder"] * 3 + ["plane"] * 6
+    assert unexplained(mesh, kept, 0.009) == 0
+    lost = replace(patches, label=np.where(patches.label == np.bincount(patches.label[patches.label >= 0]).argmax(), -1, patches.label))
+    assert unexplained(mesh, lost, 1e-3) > 0.1

@@ -3,8 +3,8 @@
     python benchmarks/cad.py [--quick] [--state FILE] [--only NAME] [--data FOLDER] [--limit SECONDS]
 
 Bodies: a bracket, plate, tube, flange, vessel, open tank, table and girder made here, and the STEP files below FOLDER.
-Each is meshed by gmsh, its vertices get Gaussian noise, and `true_solid` runs in a child process of at most SECONDS. Each run is one line of the state
-file (JSON); a second call goes on where the first stopped.
+Each is meshed by gmsh, its vertices get Gaussian noise, and `true_solid` runs in a child process of at most SECONDS. Each run is one line of the
+state file (JSON); a second call goes on where the first stopped.
 """
 
 from __future__ import annotations

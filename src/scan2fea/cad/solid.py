@@ -10,8 +10,8 @@ import numpy as np
 
 from scan2fea.cad.brep import OCC_RESOLUTION_M, CadOptions
 from scan2fea.cad.cells import cell_solid
-from scan2fea.cad.naming import named_faces
 from scan2fea.cad.live import is_valid, joined_triangles, moved_by, parts, surface_of, tessellated, volume_of
+from scan2fea.cad.naming import named_faces
 from scan2fea.cad.patches import Patches, segmented, unexplained, without_roundings
 from scan2fea.cad.readback import ReadBack, read_back
 from scan2fea.cad.revolved import turned_solid

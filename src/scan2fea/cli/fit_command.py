@@ -8,7 +8,7 @@ from pathlib import Path
 from scan2fea.cli.settings import config_of
 from scan2fea.estimation.given import SIGNIFICANT, Given
 from scan2fea.pipeline.fit import FittedFile, fit_file, write_member
-from scan2fea.types import Member, Parameter
+from scan2fea.types import Member, Parameter, SectionChange
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 NOT_EXPLAINED = 4
@@ -62,6 +62,7 @@ def _facts(member: Member) -> list[tuple[str, str]]:
     noise = f"sigma {member.sigma_m * MILLIMETRES_PER_METRE:.3g} mm, {member.noise}"
     rows = [("noise", f"{noise}; {member.outlier_share:.1%} of the points belong to something else")]
     rows.append(("axis", _axis(member)))
+    rows += [("section", _change(member.change))] if member.change is not None else []
     families = sorted(member.families.items(), key=lambda item: -item[1])
     rows.append(("families", ", ".join(f"{name} {_probability(p)}" for name, p in families[:4] if p > 5e-4)))
     rows += [("catalogue" if k == 0 else "", f"{_probability(e.probability):>6}  {e.name}") for k, e in enumerate(member.catalogue[:SHOWN])]
@@ -77,6 +78,14 @@ def _facts(member: Member) -> list[tuple[str, str]]:
     if not member.damage:
         rows.append(("damage", "none that is significant"))
     return rows
+
+
+def _change(change: SectionChange) -> str:
+    places = ", ".join(
+        f"{v * MILLIMETRES_PER_METRE:.4g} +- {s * MILLIMETRES_PER_METRE:.2g} mm at {z:.3f} m"
+        for z, v, s in zip(change.z_m.tolist(), change.value_m.tolist(), change.std_m.tolist(), strict=True)
+    )
+    return f"{change.kind}: {change.dimension} is {places} from the first end"
 
 
 def _axis(member: Member) -> str:

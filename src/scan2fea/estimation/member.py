@@ -15,6 +15,7 @@ import numpy as np
 from scan2fea.errors import EstimationError, InputError, UsageError, require
 from scan2fea.estimation.axis import Axis, axes_of, tilted, turned
 from scan2fea.estimation.caps import SOLID, ends_show, inside_of
+from scan2fea.estimation.changing import changing, is_better
 from scan2fea.estimation.ends import Ends, find_ends, rough_ends
 from scan2fea.estimation.explain import MIN_SLENDER, Explanation, explanation, outline_distance
 from scan2fea.estimation.fit import MIN_POINTS, FitOptions, SectionFit, fit_section
@@ -42,6 +43,7 @@ _REACH = "it is only how far the scan reaches: no two faces that were seen fix i
 _BLENDED = "its two faces do not stand apart: one face under wider noise explains the points too"
 _UPRIGHT = 2e-3  # slope of the section across its axis above which it is fitted again along it: the fit shears, errors grow as the square
 _RETURNS = 1
+_OFF = 0.01  # share of the points in cells that are off, beyond which a changing section is looked for
 _CROWDED = 0.2  # share of the points that crowd off the member, four times what is allowed
 _HOPELESS = 2.0  # scatter beyond that of neighbours over mill tolerance, four times what is allowed: another shape, whatever the rays say
 _CHORD = 2e-3  # of the section: circles bulge so far beyond their polygons, and exact points are rounded
@@ -116,7 +118,9 @@ def fit_member(
     if other in families and (closed or may_be):  # from outside a tube and a bar are alike, but a bar's caps are closed
         bar = _swept(points, axes if short else (found.axis,), dataclasses.replace(options, family=other), (other,), fixed or {})
         found = bar if bar.explains else found
-    if not _is_hopeless(found.explanation) and needs_rays(scan, found.member, found.explains):
+    if _may_change(found, fixed or {}):
+        found = _with_change(points, found, options, families)
+    if found.member.change is None and not _is_hopeless(found.explanation) and needs_rays(scan, found.member, found.explains):
         member, told, why_not = refined(scan, found.member, found.explanation, fixed or {}, families, options.seed)
         by_rays = not why_not
         found = dataclasses.replace(
@@ -129,6 +133,33 @@ def fit_member(
             why={} if by_rays else {**found.why, "rays": why_not},
         )
     return dataclasses.replace(found, member=dataclasses.replace(found.member, inside=inside_of(points, found.member)))
+
+
+def _may_change(found: MemberFit, fixed: Mapping[str, float]) -> bool:
+    """Whether a section that changes along the axis is looked for: where a prism leaves a pattern, and no dimension is held."""
+    told = found.explanation
+    return not fixed and (not found.explains or told.off_share > _OFF)
+
+
+def _with_change(points: FloatArray, found: MemberFit, options: MemberOptions, families: tuple[str, ...]) -> MemberFit:
+    """The fit with a taper or a haunch where that is likelier than a prism and explains the points; else as it was."""
+    fits: list[MemberFit] = []
+
+    def prism(moved: FloatArray, family: str) -> tuple[Member, SectionFit]:
+        own = (family,) if family else families
+        plain = dataclasses.replace(options, family=family or options.family, max_degree=1, twist=False)
+        fits.append(_swept(moved, axes_of(moved, options.seed, 1)[:1], plain, own, {}))
+        return fits[-1].member, fits[-1].section
+
+    other = changing(points, found.member, prism, options.seed)
+    if other is None or not is_better(other, len(points)):
+        return found
+    told = explanation(points, other.member, other.section.sigma_m, options.seed)
+    if not told.explains:
+        return found
+    last = fits[-1]
+    member = dataclasses.replace(other.member, seen=_seen(last.section, told))
+    return dataclasses.replace(last, member=member, explains=True, reason=told.reason, explanation=told, n_axes=found.n_axes)
 
 
 def _swept(points: FloatArray, axes: tuple[Axis, ...], options: MemberOptions, families: tuple[str, ...], fixed: Mapping[str, float]) -> MemberFit:

@@ -50,6 +50,10 @@ class Stretch(Value):
 
     def undone(self, xy: FloatArray, growth: FloatArray) -> FloatArray:
         """(n, 2) where the places (n, 2) of a section grown by growth (n,) lie in the least one."""
+        return self.undone_with_density(xy, growth)[0]
+
+    def undone_with_density(self, xy: FloatArray, growth: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """As `undone`; and (n,) the logarithm of the area there over the area here, with its derivative by the growth."""
         u = np.linalg.norm(xy, axis=1) if self.axis == RADIAL else xy[:, self.axis]
         knots = self.at[None, :] + growth[:, None] * self.shift[None, :]
         k = np.clip((u[:, None] >= knots).sum(1) - 1, 0, len(self.at) - 2)
@@ -58,11 +62,17 @@ class Stretch(Value):
         share = (u - low) / np.where(high > low, high - low, 1.0)
         inside = self.at[k] + share * (self.at[k + 1] - self.at[k])
         back = np.where(u <= knots[:, 0], u - knots[:, 0] + self.at[0], np.where(u >= knots[:, -1], u - knots[:, -1] + self.at[-1], inside))
+        slope = np.where((u <= knots[:, 0]) | (u >= knots[:, -1]), 0.0, (np.diff(self.shift) / np.diff(self.at))[k])
+        density, by_growth = -np.log1p(growth * slope), -slope / (1 + growth * slope)
         if self.axis == RADIAL:
-            return np.asarray(xy * (back / np.where(u > 0, u, 1.0))[:, None])
+            ratio = back / np.where(u > 0, u, 1.0)
+            moved = np.interp(back, self.at, self.shift) / (1 + growth * slope)
+            density = density + np.log(np.maximum(ratio, 1e-12))
+            by_growth = by_growth - moved / np.maximum(back, 1e-12)
+            return np.asarray(xy * ratio[:, None]), density, by_growth
         out = np.array(xy, float)
         out[:, self.axis] = back
-        return out
+        return out, density, by_growth
 
 
 def stretch_of(family: str, values: Mapping[str, float], dimension: str, side: int = 0) -> Stretch:
@@ -76,11 +86,11 @@ def stretch_of(family: str, values: Mapping[str, float], dimension: str, side: i
     require(dimension in CHANGING.get(family, ()), UsageError, f"dimension {dimension!r} of a {family} cannot change along the member")
     size = values[dimension]
     if family == "round":
-        return Stretch(axis=RADIAL, at=np.array([0.0, 2 * size]), shift=np.array([0.0, 2.0]))
+        return Stretch(axis=RADIAL, at=np.array([0.0, _RIGID[0] * size]), shift=np.array([0.0, 0.5]))
     if family == "CHS":
         return Stretch(axis=RADIAL, at=np.array([0.0, 1e-3 * size]), shift=np.array([0.5, 0.5]))
     if family == "rect":
-        return _centred(0 if dimension == "b" else 1, size / 2, 0.0, side, whole=True)
+        return _centred(0 if dimension == "b" else 1, size / 2, side)
     axis = 0 if dimension == "a" or (dimension == "b" and family != "L") else 1
     wall = values[walls[dimension]]
     if family == "L" or (family, dimension) == ("C", "b"):
@@ -92,12 +102,12 @@ def stretch_of(family: str, values: Mapping[str, float], dimension: str, side: i
     if dimension == "b" and family in ("I", "T"):  # flanges grow on both sides of the web
         near, far = (wall / 2 + share * (size - wall) / 2 for share in _RIGID)
         return _sided(Stretch(axis=0, at=np.array([-far, -near, near, far]), shift=np.array([-0.5, 0.0, 0.0, 0.5])), side)
-    return _centred(axis, size / 2 - wall, _RIGID[0], side, whole=False)
+    return _centred(axis, size / 2 - wall, side)
 
 
-def _centred(axis: int, half: float, share: float, side: int, *, whole: bool) -> Stretch:
-    """Both halves move apart; between them the clear width, or the whole body, is stretched."""
-    reach = half if whole else (1 - share) * half
+def _centred(axis: int, half: float, side: int) -> Stretch:
+    """Both halves move apart; between them the clear width is stretched."""
+    reach = _RIGID[1] * half
     return _sided(Stretch(axis=axis, at=np.array([-reach, reach]), shift=np.array([-0.5, 0.5])), side)
 
 

@@ -23,6 +23,7 @@ def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Giv
         "T_world_member": np.asarray(member.T_world_member).tolist(),
         "bow_m": np.asarray(member.bow).tolist(),
         "twist_rad": np.asarray(member.twist).tolist(),
+        "change": _change_row(member),
         "end_normals": np.asarray(member.end_normals).tolist(),
         "residual": {"sigma_m": member.sigma_m, "noise": member.noise, "outlier_share": member.outlier_share},
         "seen": dict(member.seen),
@@ -52,4 +53,19 @@ def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Giv
             }
             for d in member.damage
         ],
+    }
+
+
+def _change_row(member: Member) -> dict[str, Any] | None:
+    """The dimension that changes along the axis, at its knots."""
+    change = member.change
+    if change is None:
+        return None
+    return {
+        "kind": change.kind,
+        "dimension": change.dimension,
+        "z_m": np.asarray(change.z_m).tolist(),
+        "value_m": np.asarray(change.value_m).tolist(),
+        "std_m": np.asarray(change.std_m).tolist(),
+        "side": change.side,
     }

@@ -16,6 +16,7 @@ from scan2fea.estimation.fit import SectionFit
 from scan2fea.estimation.given import Given, contradictions
 from scan2fea.estimation.member import MemberFit, MemberOptions, fit_member
 from scan2fea.estimation.resting import rested
+from scan2fea.estimation.several import several_members
 from scan2fea.estimation.table import Table, read_table
 from scan2fea.kernel.noise import spacing
 from scan2fea.kernel.sections import PARAMETERS
@@ -74,7 +75,12 @@ def estimate(scan: Scan, options: MemberOptions, route: RouteOptions, known: Kno
         fit = fit_member(scan, replace(options, family=section.family or options.family), section.fixed, section.nominal)
     except (EstimationError, InputError) as error:
         return Estimate(member=None, explains=False, reason=str(error))
-    member, inferred = fit.member, scan.cloud.is_inferred
+    inferred = scan.cloud.is_inferred
+    measured = scan.cloud.points if inferred is None else scan.cloud.points[~inferred]
+    two = several_members(measured, fit, options)
+    if two is not None:
+        fit = replace(fit, explains=False, reason=two.reason)
+    member = fit.member
     if inferred is not None:
         member = rested(member, scan.cloud.points[inferred], spacing(scan.cloud.points[~inferred]))
     if not any(p.observable or p.source == "fixed" for p in member.parameters if p.name != "length"):

@@ -180,8 +180,20 @@ def _facts(member: Row) -> Html:
     if isinstance(families, Mapping):
         best = sorted(((str(k), float(v)) for k, v in families.items() if is_number(v) and v > 5e-4), key=lambda pair: -pair[1])[:4]
         rows += [("Family", ", ".join(f"{name} {percent(share)}" for name, share in best))] if best else []
+    rows += _change(member.get("change"))
     rows += [("Given dimensions", f"p-value {number(member['p_fixed'], 2)}")] if is_number(member.get("p_fixed")) else []
     return facts(rows) if rows else NOTHING
+
+
+def _change(change: object) -> list[tuple[str, object]]:
+    """The dimension that changes along the member, at its knots."""
+    if not isinstance(change, Mapping):
+        return []
+    at, values = change.get("z_m"), change.get("value_m")
+    if not isinstance(at, Sequence) or not isinstance(values, Sequence):
+        return []
+    places = [f"{number(float(v) * MILLIMETRES_PER_METRE, 5)} mm at {number(float(z), 4)} m" for z, v in zip(at, values, strict=False)]
+    return [("Section along the axis", f"{change.get('kind')} of {change.get('dimension')}: {', '.join(places)}")]
 
 
 def _given(entries: Sequence[Row]) -> Html:

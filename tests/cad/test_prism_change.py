@@ -48,7 +48,7 @@ def test_a_taper_is_a_solid_of_its_exact_volume(family, dimension):
     true, is_round = true_volume(member), family in ("CHS", "round")
     topology = surface_topology(solid.mesh)
     assert topology.is_closed and topology.is_manifold
-    assert volume(solid.mesh) == pytest.approx(true, rel=1e-3 if is_round else 1e-10)
+    assert volume(solid.mesh) == pytest.approx(true, rel=1e-10)
     brep = prism_brep(solid.shape, solid.sweep)
     assert brep.is_valid and brep.n_solids == 1 and brep.n_free_edges == 0
     assert brep.volume_m3 == pytest.approx(true, rel=1e-6)

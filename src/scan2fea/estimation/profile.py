@@ -19,7 +19,7 @@ _TAIL = 0.04  # of the points of a slice beyond its width on either side: clutte
 _RADIAL_TAIL = 0.8  # of the points of a slice within its radius: most of a tube's lie on the outer circle
 _LENGTHS = np.arange(0.1, 0.95, 0.05)  # of a haunch, in lengths of the member
 _GAIN = 10.0  # BIC units that a change must gain
-_MISFIT = 0.02  # of the width: scatter of the slices about a law; of free forms it is more
+_MISFIT = 0.03  # of the width: scatter of the slices about a law; of free forms it is more
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -81,7 +81,8 @@ def _slices(local: FloatArray, span: tuple[float, float], axis: int) -> tuple[Fl
         if len(own) < 20:
             continue
         if axis == RADIAL:
-            r = float(np.quantile(np.linalg.norm(own - np.median(own, axis=0), axis=1), _RADIAL_TAIL))
+            middle = np.quantile(own, (_TAIL, 1 - _TAIL), axis=0).mean(axis=0)  # the median of a circle wanders
+            r = float(np.quantile(np.linalg.norm(own - middle, axis=1), _RADIAL_TAIL))
             rows.append(((k + 0.5) / n, -r, r))
         else:
             rows.append(((k + 0.5) / n, *np.quantile(own[:, axis], (_TAIL, 1 - _TAIL)).tolist()))

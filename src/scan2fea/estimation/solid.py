@@ -12,6 +12,7 @@ from scan2fea.errors import InternalError, require
 from scan2fea.estimation.grid import ears
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.outline import Edge, Outline, outline
+from scan2fea.kernel.sections import ROUND
 from scan2fea.kernel.sweep import Sweep, stations, sweep_of, swept_points
 from scan2fea.options import option
 from scan2fea.types import FloatArray, IntArray, Member, TetMesh, TriangleMesh, Value
@@ -41,8 +42,9 @@ class SolidOptions:
 class Solid(Value):
     """mesh : closed, manifold, oriented; its face_region numbers `face_names`.   chord_m : how far the mesh may lie from the true member.
 
-    shape : the outline with true arcs.   sweep : how it runs.   wall_m : the thinnest wall.   loops : (k, 2) polygons of the section that the mesh
-    sweeps, outside first; loop_names : the face over each of their edges.
+    shape : the outline with true arcs.   sweep, mesh_sweep : how it runs, and how the corners of polygons that stand for circles do.
+    wall_m : the thinnest wall.   loops : (k, 2) polygons of the section that the mesh sweeps, outside first; loop_names : the face over each of
+    their edges.
     """
 
     mesh: TriangleMesh
@@ -51,6 +53,7 @@ class Solid(Value):
     wall_m: float
     shape: Outline
     sweep: Sweep
+    mesh_sweep: Sweep
     loops: tuple[FloatArray, ...]
     loop_names: tuple[tuple[str, ...], ...]
 
@@ -67,16 +70,18 @@ def solid_of(member: Member, options: SolidOptions = SolidOptions()) -> Solid:
     n = options.n_chords or _n_chords(values, sweep.length_m, member.sigma_m)
     loops = _polygons(shape, n)
     bend = options.chord_m if options.chord_m is not None else max(0.02 * wall, 0.1 * member.sigma_m)
-    share, bent = stations(sweep, [points for points, _ in loops], bend)
+    of_mesh = _of_polygons(sweep, n) if member.family in ROUND else sweep
+    share, bent = stations(of_mesh, [points for points, _ in loops], bend)
     round_error = max((_round_error(edge, n) for loop in shape.loops for edge in loop), default=0.0)
     names = (*dict.fromkeys(name for _, of in loops for name in of), FIRST_END, LAST_END)
     return Solid(
-        mesh=_mesh(sweep, loops, share, names),
+        mesh=_mesh(of_mesh, loops, share, names),
         face_names=names,
         chord_m=bent + round_error,
         wall_m=wall,
         shape=shape,
         sweep=sweep,
+        mesh_sweep=of_mesh,
         loops=tuple(points for points, _ in loops),
         loop_names=tuple(of for _, of in loops),
     )
@@ -151,6 +156,14 @@ def _chamfered(loop: tuple[Edge, ...], scale: float) -> tuple[FloatArray, tuple[
         else:
             points.append(edge.start)
     return np.array(points), tuple(edge.name for edge in loop)
+
+
+def _of_polygons(sweep: Sweep, n: int) -> Sweep:
+    """The sweep of corners of polygons that have the area of their circle at every height."""
+    if sweep.stretch is None:
+        return sweep
+    step = 2 * math.pi / n
+    return replace(sweep, stretch=replace(sweep.stretch, shift=sweep.stretch.shift * math.sqrt(step / math.sin(step))))
 
 
 def _circle_polygon(edge: Edge, n: int) -> tuple[FloatArray, tuple[str, ...]]:

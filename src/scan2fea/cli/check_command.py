@@ -7,15 +7,15 @@ import json
 import math
 from pathlib import Path
 
-from scan2fea.io import read_mesh
-from scan2fea.verification.inspect import Inspection, inspect
+from scan2fea.pipeline.check_file import inspect_file
+from scan2fea.verification.inspect import Inspection
 from scan2fea.verification.solvers import verdicts
 
 NOT_PASSED = 4
 
 
 def execute(given: argparse.Namespace) -> int:
-    found = inspect(read_mesh(Path(given.file)))
+    found = inspect_file(Path(given.file))
     if given.json:
         print(json.dumps(_tree(found), indent=1, allow_nan=False))
     else:
@@ -41,6 +41,8 @@ def _print(found: Inspection, name: str) -> None:
 
 
 def _print_quality(found: Inspection) -> None:
+    if not found.quality:
+        return
     heads = "".join(f"{head:>10}" for head in ("min", "1 %", "median", "99 %", "max", "regular"))
     print(f"\n  {'quality':<20}{heads}   warn / fail at       worst element")
     for key, row in found.quality.items():

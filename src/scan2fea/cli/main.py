@@ -58,7 +58,7 @@ def parser() -> argparse.ArgumentParser:
     _add_scene_options(plan)
     plan.add_argument("--json", action="store_true", help="print the plan as JSON")
 
-    check = commands.add_parser("check", help="would a solver accept this surface or volume mesh?", allow_abbrev=False)
+    check = commands.add_parser("check", help="would a solver accept this mesh or deck, is this STEP file one solid?", allow_abbrev=False)
     check.add_argument("file", metavar="MESH")
     check.add_argument("--json", action="store_true", help="print the figures as JSON")
 

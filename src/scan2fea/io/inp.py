@@ -36,7 +36,11 @@ def read_inp(path: Path, size: int) -> Blocks:
     cells: list[tuple[str, Array]] = []
     for keyword, options, data in _BLOCK.findall(content):
         word = keyword.upper()
-        require(word != b"INCLUDE" and b"INPUT" not in options.upper(), FormatError, f"{path} includes other files: give it as one file")
+        other = re.search(rb"INPUT\s*=\s*([^,\n]+)", options, re.IGNORECASE)
+        if word == b"INCLUDE" or other:
+            name = other.group(1).decode(errors="replace").strip().strip('"') if other else "(no name)"
+            there = "" if (path.parent / name).is_file() else f", and {name} is not there"
+            raise FormatError(f"{path} includes {name} (card *{word.decode().upper()}){there}: give the deck as one file")
         if word == b"NODE":
             nodes.append(_numbers(path, data, 4, "NODE"))
         else:

@@ -1,0 +1,42 @@
+"""`scan2fea check FILE`: a mesh, a deck or a STEP file of any tool, measured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from scan2fea.cad.readback import read_back
+from scan2fea.errors import CadError, InputError, require
+from scan2fea.io import read_mesh
+from scan2fea.io.files import existing_file
+from scan2fea.verification.deck import deck_checks
+from scan2fea.verification.inspect import Inspection, inspect
+from scan2fea.verification.step import step_checks
+
+STEP_SUFFIXES = (".step", ".stp")
+LARGEST = 1 << 29  # bytes of a STEP file
+
+
+def inspect_file(path: Path) -> Inspection:
+    """Raises InputError in one line for a file that cannot be read."""
+    suffix = path.suffix.lower()
+    if suffix in STEP_SUFFIXES:
+        return _of_step(path)
+    found = inspect(read_mesh(path))
+    if suffix != ".inp":
+        return found
+    return replace(found, checks=(*found.checks, *deck_checks(path.read_text(encoding="utf-8", errors="replace"))))
+
+
+def _of_step(path: Path) -> Inspection:
+    size = existing_file(path)
+    require(size <= LARGEST, InputError, f"{path} has {size} bytes, at most {LARGEST} are read")
+    text = path.read_text(encoding="ascii", errors="replace")
+    require("ISO-10303-21" in text[:2000], InputError, f"{path}: is no STEP file (ISO-10303-21 is missing at its head)")
+    try:
+        found = read_back(text.encode("ascii", "replace").decode("ascii"))
+    except CadError as error:
+        raise InputError(f"{path}: {error}") from error
+    figures = {"solids": float(found.n_solids), "faces": float(len(found.face_area)), "volume_m3": found.volume_m3, "area_m2": found.area_m2}
+    checks = step_checks(found.n_solids, found.is_valid, found.n_free_edges, found.volume_m3)
+    return Inspection(figures=figures, quality={}, worst={}, limits={}, checks=checks)

@@ -1,0 +1,114 @@
+"""Would a deck run? Cards that name what is not there: sets, materials, steps. For decks of any tool, in the language of Abaqus and CalculiX."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from scan2fea.types import Check, Value
+from scan2fea.verification.limits import at_least, at_most, holds
+
+_DEFINES = {
+    **dict.fromkeys(("NSET", "NODE", "NGEN", "NFILL"), "NSET"),
+    **dict.fromkeys(("ELSET", "ELEMENT", "ELGEN"), "ELSET"),
+    "SURFACE": "NAME",
+}
+_NAME = r"[A-Za-z_][\w.\-]*"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Card(Value):
+    """word : upper case, without the star.   options : by upper-case name, values upper case.   data : its lines, split at commas."""
+
+    word: str
+    options: dict[str, str]
+    data: tuple[tuple[str, ...], ...]
+
+
+def cards_of(text: str) -> tuple[Card, ...]:
+    """The cards of a deck in order; comments and empty lines are left out, card lines that end with a comma go on."""
+    cards: list[tuple[str, list[tuple[str, ...]]]] = []
+    for raw in text.splitlines():
+        line = raw.strip()
+        if not line or line.startswith("**"):
+            continue
+        if line.startswith("*"):
+            cards.append((line, []))
+        elif cards and cards[-1][0].endswith(",") and not cards[-1][1]:
+            cards[-1] = (cards[-1][0] + line, [])
+        elif cards:
+            cards[-1][1].append(tuple(word.strip() for word in line.split(",")))
+    return tuple(_card(head, data) for head, data in cards)
+
+
+def _card(head: str, data: Sequence[tuple[str, ...]]) -> Card:
+    words = [word.strip() for word in head[1:].split(",")]
+    options = {}
+    for word in words[1:]:
+        key, _, value = word.partition("=")
+        options[key.strip().upper()] = value.strip().strip('"').upper()
+    return Card(word=re.sub(r"\s+", " ", words[0].upper()), options=options, data=tuple(data))
+
+
+def deck_checks(text: str) -> tuple[Check, ...]:
+    """Steps, materials with what the steps need of them, sets that exist, supports."""
+    cards = cards_of(text)
+    missing = missing_sets(cards)
+    weak = _materials_without(cards)
+    return (
+        at_least("deck.steps", sum(card.word == "STEP" for card in cards)),
+        holds("deck.materials", not weak, "; ".join(weak) or "all defined"),
+        holds("deck.sets", not missing, ", ".join(missing[:8]) or "all defined"),
+        at_most("deck.unsupported", int(not any(card.word in ("BOUNDARY", "INERTIA RELIEF") for card in cards))),
+    )
+
+
+def missing_sets(cards: Sequence[Card]) -> list[str]:
+    """`NAME (CARD)` of every set or surface that a card uses and none defines."""
+    known = {"": "", **{name: name for name in _defined(cards)}}
+    found = []
+    for card in cards:
+        defines = card.word in ("NSET", "ELSET", "NODE", "ELEMENT", "NGEN", "NFILL", "ELGEN")
+        used = [] if defines else [card.options[key] for key in ("NSET", "ELSET", "SURFACE") if key in card.options]
+        if card.word in ("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "TEMPERATURE", "INITIAL CONDITIONS"):
+            used += [row[0].upper() for row in card.data if row and re.fullmatch(_NAME, row[0])]
+        found += [f"{name} (*{card.word})" for name in used if name not in known]
+    return list(dict.fromkeys(found))
+
+
+def _defined(cards: Sequence[Card]) -> set[str]:
+    names = set()
+    for card in cards:
+        key = _DEFINES.get(card.word)
+        if key is not None and key in card.options:
+            names.add(card.options[key])
+    return names
+
+
+def _materials_without(cards: Sequence[Card]) -> list[str]:
+    """What the sections' materials lack, in words."""
+    has: dict[str, set[str]] = {}
+    current = ""
+    for card in cards:
+        if card.word == "MATERIAL":
+            current = card.options.get("NAME", "")
+            has.setdefault(current, set())
+        elif card.word in ("ELASTIC", "DENSITY", "USER MATERIAL") and current:
+            has[current].add(card.word)
+        elif card.word in ("STEP", "SOLID SECTION", "SHELL SECTION", "BEAM SECTION"):
+            current = ""
+    heavy = any(card.word == "FREQUENCY" or any(len(row) > 1 and row[1].upper() == "GRAV" for row in card.data) for card in cards)
+    out = []
+    for card in cards:
+        if card.word in ("SOLID SECTION", "SHELL SECTION", "BEAM SECTION"):
+            name = card.options.get("MATERIAL", "")
+            if name not in has:
+                out.append(f"no material {name or '(no name)'}")
+            elif not has[name] & {"ELASTIC", "USER MATERIAL"}:
+                out.append(f"{name} is not elastic")
+            elif heavy and "DENSITY" not in has[name]:
+                out.append(f"{name} has no density")
+    if not any(card.word.endswith("SECTION") for card in cards):
+        out.append("no section")
+    return list(dict.fromkeys(out))

@@ -1,0 +1,67 @@
+import pytest
+
+from fea.bars import bar
+from scan2fea.cli.main import main
+from scan2fea.fea import build_model, write_inp
+from scan2fea.verification.deck import cards_of, deck_checks, missing_sets
+
+DECK = write_inp(build_model(bar((0.1, 0.1, 0.4), (1, 1, 3))))
+
+
+def failed(text):
+    return {c.name: c.says for c in deck_checks(text) if not c.passed}
+
+
+def test_our_deck_passes():
+    assert failed(DECK) == {}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "name", "says"),
+    [
+        ("LOWEST, 1, 3", "FLOOR, 1, 3", "deck.sets", "FLOOR (*BOUNDARY)"),
+        ("ELSET=BODY, MATERIAL=MATERIAL", "ELSET=BODI, MATERIAL=MATERIAL", "deck.sets", "BODI (*SOLID SECTION)"),
+        ("MATERIAL=MATERIAL", "MATERIAL=IRON", "deck.materials", "no material IRON"),
+        ("*DENSITY", "*CONDUCTIVITY", "deck.materials", "MATERIAL has no density"),
+        ("*ELASTIC", "*PLASTIC", "deck.materials", "MATERIAL is not elastic"),
+        ("*STEP", "*STOP", "deck.steps", "0 steps"),
+        ("*BOUNDARY", "** nothing", "deck.unsupported", "holds nothing"),
+    ],
+)
+def test_what_is_missing_is_named(old, new, name, says):
+    assert says in failed(DECK.replace(old, new))[name]
+
+
+def test_cards_go_on_over_lines_and_forget_comments():
+    cards = cards_of("** a\n*Elset, elset=A,\n generate\n 1, 5, 1\n\n*Cload\nN1, 2, -1.\n12, 3, 4.\n")
+    assert [c.word for c in cards] == ["ELSET", "CLOAD"] and cards[0].options == {"ELSET": "A", "GENERATE": ""}
+    assert cards[0].data == (("1", "5", "1"),) and missing_sets(cards) == ["N1 (*CLOAD)"]
+
+
+def test_the_command(tmp_path, capsys):
+    path = tmp_path / "model.inp"
+    path.write_text(DECK)
+    assert main(["check", str(path)]) == 0 and "deck.sets" in capsys.readouterr().out
+    path.write_text(DECK.replace("LOWEST, 1, 3", "FLOOR, 1, 3"))
+    assert main(["check", str(path)]) == 4 and "FLOOR (*BOUNDARY)" in capsys.readouterr().out
+    path.write_text("*INCLUDE, INPUT=mesh.inp\n" + DECK)
+    assert main(["check", str(path)]) == 3 and "mesh.inp is not there" in capsys.readouterr().err
+
+
+def test_a_step_file(tmp_path, capsys):
+    pytest.importorskip("OCP")
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
+    from OCP.STEPControl import STEPControl_StepModelType, STEPControl_Writer
+
+    def write(*shapes):
+        writer = STEPControl_Writer()
+        for shape in shapes:
+            writer.Transfer(shape, STEPControl_StepModelType.STEPControl_AsIs)
+        writer.Write(str(tmp_path / "part.step"))
+        return str(tmp_path / "part.step")
+
+    box = BRepPrimAPI_MakeBox(10.0, 20.0, 30.0).Shape()
+    assert main(["check", write(box)]) == 0 and "6e-06" in capsys.readouterr().out
+    assert main(["check", write(box, BRepPrimAPI_MakeBox(1.0, 1.0, 1.0).Shape())]) == 4 and "holds 2 solids" in capsys.readouterr().out
+    (tmp_path / "part.step").write_text("no step")
+    assert main(["check", str(tmp_path / "part.step")]) == 3 and "is no STEP file" in capsys.readouterr().err

@@ -1,0 +1,214 @@
+"""Finite elements against closed forms, CalculiX and the truth: the tables of docs/fea.md.
+
+    python benchmarks/fea.py sections | beam | patch | calculix | coverage [--seeds N] [--state FILE] [--quick]
+
+`coverage` is resumable: each fitted member is one line of the state file (JSON).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import resource
+import shutil
+import subprocess
+import tempfile
+import time
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+from scan2fea.estimation.layers import layers_of
+from scan2fea.estimation.member import MemberOptions, fit_member
+from scan2fea.estimation.solid import solid_of
+from scan2fea.fea import FeaOptions, build_model, material, solve, write_inp
+from scan2fea.fea.assemble import assemble
+from scan2fea.fea.beam import assemble_beams, clamped, frequencies, solve_beams, straight
+from scan2fea.fea.budget import beam_response, budget
+from scan2fea.fea.section_properties import properties_of
+from scan2fea.kernel.transforms import random_rotation
+from scan2fea.simulation.member import MemberScanOptions, member_points
+from scan2fea.tetmeshing import layered
+from scan2fea.types import Material, Member, Parameter, PointCloud, Scan
+
+STEEL = Material(name="steel", youngs_pa=200e9, poisson=0.3, density_kg_m3=7850.0, yield_pa=None, source="cad-fe table")
+SHAPES = {
+    "L": ({"a": 0.127, "b": 0.127, "t": 0.00635}, 3.048),
+    "I": ({"h": 0.2, "b": 0.1, "tw": 0.0056, "tf": 0.0085}, 2.0),
+    "C": ({"h": 0.2, "b": 0.075, "tw": 0.0085, "tf": 0.0115}, 2.0),
+    "T": ({"h": 0.1, "b": 0.1, "tw": 0.01, "tf": 0.01}, 1.5),
+    "RHS": ({"h": 0.1, "b": 0.06, "t": 0.005}, 1.5),
+    "CHS": ({"d": 0.1143, "t": 0.006}, 1.5),
+    "rect": ({"b": 0.1, "t": 0.01}, 1.0),
+    "round": ({"d": 0.05}, 1.0),
+}
+# a second program's figures, mm: area, Ix, Iy, J, Cw
+KNOWN = {
+    "L": (1572.58, 2.51626e6, 2.51626e6, 20920, 2.688e7),
+    "I": (2724.8, 1.84559e7, 1.41934e6, 50693, 1.2975e10),
+    "C": (3229.5, 1.92702e7, 1.70609e6, 107649, 1.068e10),
+    "T": (1900, 1.80004e6, 8.40833e5, 63171, 2.97e7),
+    "RHS": (1500, 1.9625e6, 8.625e5, 1.8811e6, 7.1e7),
+    "CHS": (2041.41, 3.00212e6, 3.00212e6, 6.00423e6, 0.0),
+    "rect": (1000, 8333.3, 833333, 31233, 6.64e6),
+}
+
+
+def member_of(family, values, length, covariance=None):
+    names = [*values, "length"]
+    numbers = {**values, "length": length}
+    p = len(names)
+    return Member(
+        family=family,
+        parameters=tuple(Parameter(name=n, value_m=numbers[n], std_m=None, observable=True, source="fitted") for n in names),
+        T_world_member=np.eye(4), bow=np.zeros((2, 1)), twist=np.zeros(1), end_normals=np.array([[0, 0, -1.0], [0, 0, 1.0]]),
+        covariance=np.zeros((p, p)) if covariance is None else covariance, sigma_m=0.0, noise="gaussian", outlier_share=0.0, seen={}, families={},
+    )  # fmt: skip
+
+
+def tets_of(member):
+    at = layers_of(solid_of(member))
+    return layered(at.points, at.triangles, at.rim, at.rim_tag, at.face_names)
+
+
+def sections(_):
+    print("| section | A | Ix | Iy | J | Cw | shear centre | a finer mesh changes J, Cw | cpu ms |\n|---|---|---|---|---|---|---|---|---|")
+    for family, (values, _) in SHAPES.items():
+        begun = time.process_time()
+        p = properties_of(family, values)
+        seconds = time.process_time() - begun
+        q = properties_of(family, values, level=2)
+        told = (p.area * 1e6, p.ixx * 1e12, p.iyy * 1e12, p.j * 1e12, p.warping * 1e18)
+        known = KNOWN.get(family, told)
+        cells = [f"{a:.6g} ({100 * (a / b - 1):+.3f} %)" if b > 1 else f"{a:.3g}" for a, b in zip(told, known, strict=True)]
+        warping = 100 * (q.warping / p.warping - 1) if p.warping > 1e-16 else 0.0
+        centre = ", ".join(f"{x:.3f}" for x in p.shear_centre * 1e3)
+        print(f"| {family} | {' | '.join(cells)} | {centre} | {100 * (q.j / p.j - 1):+.3f}, {warping:+.3f} % | {1e3 * seconds:.0f} |")
+
+
+def beam(_):
+    """The L-beam of the thesis: 100 N along -y on the tip, root held; solid as the chain meshes it, beam, closed form's reference."""
+    values, length = SHAPES["L"]
+    p = properties_of("L", values)
+    n = 24
+    beams = straight(length, p, STEEL, n)
+    matrices = assemble_beams(beams)
+    held = clamped(beams, matrices, 0)
+    load = np.zeros((len(held), 1))
+    load[6 * n + 1] = -100.0
+    tip = solve_beams(matrices, held, load)[6 * n : 6 * n + 6, 0] * 1e3
+    hertz = frequencies(matrices, held, 5)[0]
+    print("| model | ux, uy mm | twist mrad | f Hz |\n|---|---|---|---|\n| HEX20R, 10 080 elements | -1.5707, -3.1032 | -5.739 | 7.706 11.29 22.30 40.3 47.84 |")
+    print(f"| beam, {n} elements | {tip[0]:.4f}, {tip[1]:.4f} | {tip[5]:.3f} | {' '.join(f'{f:.2f}' for f in hertz)} |")
+    options = FeaOptions(youngs_pa=200e9)
+    member = member_of("L", values, length)
+    begun = time.process_time()
+    tets = tets_of(member)
+    meshed = time.process_time() - begun
+    begun = time.process_time()
+    result = solve(build_model(tets, options), options, member)
+    seconds = time.process_time() - begun
+    row = {(c.name, c.measure): c for c in result.cases}
+    told = (-1e3 * row["bend_y", "tip_x_m"].value, -1e3 * row["bend_y", "tip_y_m"].value, -1e3 * row["bend_y", "twist_rad"].value)
+    print(f"| TET10 as the chain meshes it, {result.n_dof} dof, meshed {meshed:.1f}, solved {seconds:.1f} cpu s | {told[0]:.4f}, {told[1]:.4f} | {told[2]:.3f} | |")
+    print("\n| case | value | beam theory | difference |\n|---|---|---|---|")
+    for c in result.cases:
+        if c.expected is not None:
+            print(f"| {c.name} {c.measure} | {c.value:.6g} {c.unit} | {c.expected:.6g} | {100 * c.relative_error:.3g} % |")
+
+
+def patch(_):
+    """Any linear displacement on the boundary of a distorted mesh is that inside; rigid motions strain nothing."""
+    from scan2fea.fea.inner import InnerForces
+
+    member = member_of("L", *SHAPES["L"])
+    mesh = tets_of(member)
+    steel = material("S235")
+    system = assemble(mesh, steel)
+    gradient = np.random.default_rng(1).normal(size=(3, 3)) * 1e-3
+    u = mesh.nodes @ gradient.T
+    inside = np.ones(len(mesh.nodes), bool)
+    inside[np.unique(mesh.boundary)] = False
+    force = InnerForces(mesh, steel)(u)
+    print(f"patch: largest force inside / on the boundary {np.abs(force[inside]).max(initial=0.0) / np.abs(force).max():.1e}")
+    rigid = np.cross([1e-3, 2e-3, -1e-3], mesh.nodes) + [1, 2, 3]
+    print(f"rigid motion: largest force / of the linear field {np.abs(InnerForces(mesh, steel)(rigid)).max() / np.abs(force).max():.1e}")
+    print(f"mass {system.mass.sum():.12g}")
+
+
+def calculix(given):
+    """Self weight of one member of each family, ours and CalculiX's from the deck, all nodes (its figures have 7 digits in the .dat file)."""
+    if shutil.which("ccx") is None:
+        print("CalculiX (ccx) is not installed here")
+        return
+    print("| part | dof | largest difference / largest displacement | cpu s ours | ccx |\n|---|---|---|---|---|")
+    for family, (values, length) in list(SHAPES.items())[: 3 if given.quick else None]:
+        for down in ("-z", "-y"):
+            options = FeaOptions(down=down, member_cases=False)
+            model = build_model(tets_of(member_of(family, values, 0.4 * length)), options)
+            begun = time.process_time()
+            ours = solve(model, options)
+            seconds = time.process_time() - begun
+            text = re.sub(r"\*NODE PRINT[^\n]*\nRF", "*NODE PRINT, NSET=ALL\nU", write_inp(model))
+            text = text[: text.index("** step 2")]
+            with tempfile.TemporaryDirectory() as folder:
+                Path(folder, "m.inp").write_text(text)
+                before = resource.getrusage(resource.RUSAGE_CHILDREN)
+                subprocess.run(["ccx", "-i", "m"], cwd=folder, check=True, capture_output=True, env={**os.environ, "OMP_NUM_THREADS": "1"})
+                after = resource.getrusage(resource.RUSAGE_CHILDREN)
+                rows = re.findall(r"^\s+(\d+)\s+(\S+)\s+(\S+)\s+(\S+)\s*$", Path(folder, "m.dat").read_text(), re.M)
+            theirs = np.zeros_like(ours.displacement_m)
+            for number, *u in rows:
+                theirs[int(number) - 1] = [float(x) for x in u]
+            off = np.abs(theirs - ours.displacement_m).max() / np.abs(theirs).max()
+            spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+            print(f"| {family}, down {down} | {ours.n_dof} | {off:.1e} | {seconds:.1f} | {spent:.1f} |", flush=True)
+
+
+def coverage(given):
+    """Do the stated error bars hold the truth? Members scanned (6 000 points, noise 1 mm), fitted, their response beside that of the true dimensions."""
+    path = Path(given.state)
+    known = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    done = {(row["family"], row["seed"]) for row in known}
+    for seed in range(given.seeds):
+        for family in ("L", "I", "RHS"):
+            if (family, seed) in done:
+                continue
+            values, length = SHAPES[family]
+            truth = beam_response(properties_of(family, values, level=0), STEEL, length, 100.0)
+            points = member_points(family, {**values, "length": length}, 6_000, MemberScanOptions(noise_m=0.001, seed=seed), ((), ()))
+            points = points @ random_rotation(np.random.default_rng([seed, 1])).T
+            found = fit_member(Scan(cloud=PointCloud.of(points)), MemberOptions()).member
+            row = {"family": family, "seed": seed, "found": found.family}
+            if found.family == family:
+                told = budget(found, STEEL, 100.0, 0.0, 200, 0)
+                row["z"] = {k: (told.value[k] - truth[k]) / told.std[k] for k in ("mass_kg", "bend_x_x", "twist", "buckling_n", "f1_hz") if told.std[k] > 0}
+                row["relative"] = {k: told.std[k] / abs(told.value[k]) for k in row["z"]}
+            known.append(row)
+            with path.open("a") as handle:
+                handle.write(json.dumps(row) + "\n")
+    table = defaultdict(list)
+    for row in known:
+        for key, z in row.get("z", {}).items():
+            table[row["family"], key].append((z, row["relative"][key]))
+    print("| family | figure | fits | within 2 std | rms of z | std |\n|---|---|---|---|---|---|")
+    for (family, key), rows in sorted(table.items()):
+        z, relative = np.array(rows).T
+        print(f"| {family} | {key} | {len(z)} | {100 * np.mean(np.abs(z) <= 2):.0f} % | {np.sqrt(np.mean(z**2)):.2f} | {100 * np.median(relative):.2f} % |")
+
+
+def main():
+    told = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    told.add_argument("what", choices=("sections", "beam", "patch", "calculix", "coverage"))
+    told.add_argument("--seeds", type=int, default=100)
+    told.add_argument("--state", default="fea-coverage.jsonl")
+    told.add_argument("--quick", action="store_true")
+    given = told.parse_args()
+    {"sections": sections, "beam": beam, "patch": patch, "calculix": calculix, "coverage": coverage}[given.what](given)
+
+
+if __name__ == "__main__":
+    main()

@@ -78,3 +78,11 @@ def test_slopes_of_the_area_are_the_closed_form() -> None:
     """L: A = t (a + b - t)."""
     slopes = section_area_slopes("L", {"a": 0.16, "b": 0.1, "t": 0.012, "length": 2.0})
     assert slopes == pytest.approx({"a": 0.012, "b": 0.012, "t": 0.16 + 0.1 - 2 * 0.012}, rel=1e-9)
+
+
+def test_slopes_at_the_edge_of_what_is_a_section() -> None:
+    """A flange all but as thick as the T is high: the difference steps over the edge, the slope is still exact."""
+    h, b, tw, tf = 0.1, 0.1, 0.01, 0.1 - 1e-9
+    slopes = section_area_slopes("T", {"h": h, "b": b, "tw": tw, "tf": tf})
+    assert slopes["tf"] == pytest.approx(b - tw)
+    assert slopes["h"] == pytest.approx(tw)

@@ -167,6 +167,11 @@ def section(family: str, values: Mapping[str, float], n_chords: int = 96) -> Sec
     Circles become inscribed polygons of `n_chords` edges, every edge with the same face name. Raises UsageError as `check_section`.
     """
     check_section(family, values)
+    return _drawn(family, values, n_chords)
+
+
+def _drawn(family: str, values: Mapping[str, float], n_chords: int = 96) -> Section:
+    """The loops as the dimensions say, be it a section or not."""
     if family in ROUND:
         return _round_section(family, values, n_chords)
     parameters = np.array([values[name] for name in PARAMETERS[family]])
@@ -204,10 +209,11 @@ def section_centroid(shape: Section) -> FloatArray:
 
 
 def section_area_slopes(family: str, values: Mapping[str, float]) -> dict[str, float]:
-    """Derivative of the area by each dimension of the family, metres. Areas are quadratic in the dimensions: central differences are exact."""
+    """Derivative of the area by each dimension of the family, metres. Areas are quadratic in the dimensions: central differences are exact,
+    also where a step leads to what is no section any more."""
     slopes = {}
     for name in PARAMETERS[family]:
         step = 1e-3 * min(values[n] for n in PARAMETERS[family])
         more, less = ({**values, name: values[name] + sign * step} for sign in (1, -1))
-        slopes[name] = (section_area(section(family, more)) - section_area(section(family, less))) / (2 * step)
+        slopes[name] = (section_area(_drawn(family, more)) - section_area(_drawn(family, less))) / (2 * step)
     return slopes

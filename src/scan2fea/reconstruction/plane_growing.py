@@ -12,11 +12,13 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from scan2fea.errors import ReconstructionError, require
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.primitives import Plane, fit_plane
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 NEIGHBORS = 16
+MOST_PLANES = 64  # the time grows as their cube
 SIGMAS, SPACINGS = 3.0, 0.02  # of a plane's points: within three sigma, and a fiftieth of the spacing for exact data
 OWN_SIDE = np.cos(np.radians(30.0))
 SEED = 0.98  # mean cosine of a seed's normal with its neighbours'
@@ -54,7 +56,10 @@ def tolerance_m(spacing_m: float, sigma_m: float) -> float:
 
 
 def grow_planes(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_m: float) -> Planes:
-    """The planes of (n, 3) raw points with outward normals, largest first."""
+    """The planes of (n, 3) raw points with outward normals, largest first.
+
+    Raises ReconstructionError beyond MOST_PLANES: a curved face falls into ever more of them.
+    """
     off = tolerance_m(spacing_m, sigma_m)
     _, near = k_nearest(points, NEIGHBORS)
     alike = np.einsum("ni,nki->nk", normals, normals[near[:, 1:]])
@@ -76,6 +81,8 @@ def grow_planes(points: FloatArray, normals: FloatArray, spacing_m: float, sigma
             free[seed] = False
             continue
         planes.append(plane)
+        says = f"the points would need more than {MOST_PLANES} planes: they are no solid of flat faces"
+        require(len(planes) <= MOST_PLANES, ReconstructionError, says)
         free &= ~own
         failures = 0
     return settled(points, normals, planes, spacing_m, sigma_m)

@@ -16,7 +16,7 @@ from scan2fea.verification.limits import at_least, at_most
 TOES = {
     "L": (("A_TOE",), ("B_TOE",), ("A_OUTER",), ("B_OUTER",)),
     "I": (("BOTTOM_TOE_RIGHT", "TOP_TOE_RIGHT"), ("BOTTOM_TOE_LEFT", "TOP_TOE_LEFT")),
-    "C": (("BOTTOM_TOE", "TOP_TOE"), ("WEB_OUTER",)),
+    "C": (("BOTTOM_TOE",), ("TOP_TOE",), ("WEB_OUTER",)),  # with one toe only it may be what is left of a tube
     "T": (("WEB_TOE",), ("FLANGE_TOE_RIGHT",), ("FLANGE_TOE_LEFT",)),
 }
 WALLS = ("t", "tw", "tf")  # may come from the catalogue; the verdict then says so. The sides of a bar are no walls.

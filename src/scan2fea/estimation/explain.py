@@ -41,7 +41,6 @@ _CELL_POINTS = 15
 _STRAY = 4.0
 _FACES_OFF = 24  # stretches of the outline, about
 _SE = 4.0
-_RIM = 3.0  # sigma
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -88,7 +87,7 @@ def explanation(points: FloatArray, member: Member, sigma_m: float, seed: int = 
     crowd = _crowd(local, stray, size)
     side = ~stray & ~surface.on_cap
     cells = _cells(surface, side, shape, values["length"], sigma_m, size, seed, 1.0 if along_rays else 0.5)
-    seen, voids = _occupied(surface, side, shape, values["length"], sigma_m)
+    seen, voids = _occupied(surface, side, shape, values["length"], size)
     near = some[~stray]
     local_sigma = noise_sigma(near, seed=seed) if len(near) >= 50 else math.nan
     rms = float(np.sqrt(np.mean(surface.distance[~stray] ** 2))) if (~stray).any() else math.nan
@@ -298,11 +297,8 @@ def _crowd(local: FloatArray, stray: BoolArray, size: float) -> BoolArray:
     return crowd
 
 
-def _occupied(surface: _Surface, side: BoolArray, shape: Section, length: float, sigma: float) -> tuple[Mapping[str, float], int]:
-    """Per face the share of its cells that hold points, and the number of holes: empty cells enclosed by full ones on one face.
-
-    The rim of a face does not count: points of its neighbours lie there too, by their noise or because the neighbour reaches further.
-    """
+def _occupied(surface: _Surface, side: BoolArray, shape: Section, length: float, size: float) -> tuple[Mapping[str, float], int]:
+    """Per face the share of its cells that hold points, and the number of holes: empty cells enclosed by full ones on one face."""
     names = [name for loop in shape.face_names for name in loop]
     lengths = np.concatenate([np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1) for loop in shape.loops])
     before = np.r_[0.0, np.cumsum(lengths)[:-1]]
@@ -314,10 +310,7 @@ def _occupied(surface: _Surface, side: BoolArray, shape: Section, length: float,
         offset = before[own_edges[0]]
         own = side & np.isin(surface.edge, own_edges)
         s = before[surface.edge[own]] + surface.along[own] - offset
-        rim = min(_RIM * sigma, 0.25 * width) if len(own_edges) == 1 else 0.0
-        inner = (s > rim) & (s < width - rim)
-        width -= 2 * rim
-        share, holes = _face(s[inner] - rim, surface.z[own][inner], width, length, int(side.sum()) * width / float(lengths.sum()))
+        share, holes = _face(s, surface.z[own], width, length, int(side.sum()) * width / float(lengths.sum()))
         seen[name] = share
         voids += holes
     return seen, voids

@@ -32,7 +32,7 @@ class MeshInput(Value):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scene(Value):
-    """All inputs in one frame. shift_m : (3,), every coordinate is input minus this.   agreement_m : (k,) median distance of each
+    """All inputs in one frame. shift_m : (3,), every coordinate is input minus this, `trajectory` too.   agreement_m : (k,) median distance of each
     input to the others where they overlap, nan where they do not.
     """
 
@@ -78,7 +78,7 @@ def place_all(raws: tuple[RawScan, ...], options: RegistrationOptions, *, names:
     return Scene(
         scan=scan,
         meshes=tuple(meshes),
-        trajectory=placed.trajectory,
+        trajectory=_poses_shifted(placed.trajectory, shift),
         shift_m=shift,
         spacing_m=spacing(scan.cloud.points),
         agreement_m=placed.agreement_m,
@@ -103,6 +103,13 @@ def shifted(scan: Scan, shift: FloatArray) -> Scan:
         return scan
     rays = None if scan.rays is None else replace(scan.rays, origin=scan.rays.origin - shift)
     return Scan(cloud=scan.cloud.replaced(points=scan.cloud.points - shift), rays=rays)
+
+
+def _poses_shifted(trajectory: Trajectory, shift: FloatArray) -> Trajectory:
+    """The poses that bring each input to where the cloud lies: minus `shift` (3,)."""
+    T = np.array(trajectory.T_world_frame)
+    T[:, :3, 3] -= shift
+    return replace(trajectory, T_world_frame=T)
 
 
 def clean(scene: Scene, options: FilteringOptions) -> Scene:

@@ -8,6 +8,7 @@ manufacturers as collected by the structural community (HE, IPE, IPN, UPN, UPE, 
 from __future__ import annotations
 
 import csv
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,9 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from scan2fea.errors import InputError, require
-from scan2fea.kernel.outline import outline, outline_area
-from scan2fea.kernel.sections import PARAMETERS
+from scan2fea.errors import InputError, UsageError, require
+from scan2fea.kernel.sections import PARAMETERS, check_section, section, section_area
 from scan2fea.types import Value
 from scan2fea.units import METRES_PER_UNIT
 
@@ -60,10 +60,15 @@ def _plain(name: str) -> str:
     return "".join(name.split()).upper().replace("×", "X").replace(",", ".")
 
 
+@functools.cache
 def shipped_table() -> Table:
-    """AISC and European shapes."""
-    text = resources.files("scan2fea.estimation").joinpath(SHIPPED).read_text(encoding="utf-8")
-    return parse_table(text, SHIPPED)
+    """AISC and European shapes, read once in a process. That their areas fit their dimensions is a matter of the tests."""
+    return _parsed(shipped_text(), SHIPPED)[0]
+
+
+def shipped_text() -> str:
+    """The CSV text of the shipped table."""
+    return resources.files("scan2fea.estimation").joinpath(SHIPPED).read_text(encoding="utf-8")
 
 
 def read_table(path: Path | None) -> Table:
@@ -83,7 +88,14 @@ def parse_table(text: str, source: str) -> Table:
     standard, r_mm and area_mm2 (same units) are optional. Raises InputError naming line and column: a column that a family needs is missing, a
     dimension is no positive number, dimensions make no section, areas contradict them, or millimetres are inches.
     """
-    rows = list(csv.DictReader(text.splitlines()))
+    table, rows = _parsed(text, source)
+    _areas_agree(rows, table.shapes, source)
+    return table
+
+
+def _parsed(text: str, source: str) -> tuple[Table, list[dict[str, str | None]]]:
+    """The table and its lines as they stand there."""
+    rows: list[dict[str, str | None]] = list(csv.DictReader(text.splitlines()))
     require(rows, InputError, f"{source}: the table of sections is empty; it needs a line of column names and one line for each section")
     columns = [name.strip() for name in rows[0] if name is not None]
     for needed in ("family", "name"):
@@ -93,8 +105,7 @@ def parse_table(text: str, source: str) -> Table:
         _shape({(k or "").strip(): v for k, v in row.items()}, units, columns, f"{source}, line {i}") for i, row in enumerate(rows, start=2)
     )
     _not_inches(shapes, source)
-    _areas_agree(rows, shapes, source)
-    return Table(shapes=shapes, source=source)
+    return Table(shapes=shapes, source=source), rows
 
 
 def _unit_of(name: str, columns: Sequence[str]) -> str | None:
@@ -112,6 +123,10 @@ def _shape(row: Mapping[str, str | None], units: Mapping[str, str | None], colum
         if unit is None:
             raise InputError(says)
         parameters[key] = _length(row.get(f"{key}_{unit}"), unit, f"{where}: {key}_{unit} of {name}")
+    try:
+        check_section(family, parameters)
+    except UsageError as error:
+        raise InputError(f"{where}: {name} is no section: {error}") from None
     unit = units["r"]
     radius = row.get(f"r_{unit}") if unit else None
     root = _length(radius, str(unit), f"{where}: r_{unit} of {name}") if (radius or "").strip() else math.nan
@@ -148,7 +163,7 @@ def _areas_agree(rows: Sequence[Mapping[str, str | None]], shapes: Sequence[Shap
         text = (row.get(f"area_{unit}2") or "").strip()
         if text:
             area = _length(text, unit, f"{source}: area_{unit}2 of {shape.name}") * METRES_PER_UNIT[unit]
-            off.append((abs(math.log(area / outline_area(outline(shape.family, shape.parameters)))), shape.name))
+            off.append((abs(math.log(area / section_area(section(shape.family, shape.parameters)))), shape.name))
     wrong = [name for gap, name in off if gap > math.log1p(AREA_AGREES)]
     first = wrong[0] if wrong else ""
     says = f"{source}: {len(wrong)} of {len(off)} areas do not fit the dimensions of their line (first {first}): a unit or a column is wrong"

@@ -12,6 +12,7 @@ Frame of a section (x right, y up, metres), outer sizes, sharp corners:
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 
@@ -106,8 +107,9 @@ _LOOPS: Mapping[str, tuple[_Loop, ...]] = {
 }
 
 
+@functools.cache
 def corner_factors(family: str) -> tuple[FloatArray, ...]:
-    """Per loop (k, 2, p): corner i of the section lies at factors[i] @ parameters. Not for the ROUND families."""
+    """Per loop (k, 2, p): corner i of the section lies at factors[i] @ parameters. Not for the ROUND families. The arrays are read-only."""
     names = PARAMETERS[family]
     loops = []
     for loop in _LOOPS[family]:
@@ -116,10 +118,12 @@ def corner_factors(family: str) -> tuple[FloatArray, ...]:
             for axis in (0, 1):
                 for name, factor in corner[axis].items():
                     factors[i, axis, names.index(name)] = factor
+        factors.flags.writeable = False
         loops.append(factors)
     return tuple(loops)
 
 
+@functools.cache
 def edge_names(family: str) -> tuple[tuple[str, ...], ...]:
     """Per loop, the name of the face over the edge from corner i to corner i + 1; the outer and inner circle of the ROUND families."""
     if family in ROUND:
@@ -176,7 +180,7 @@ def _drawn(family: str, values: Mapping[str, float], n_chords: int = 96) -> Sect
         return _round_section(family, values, n_chords)
     parameters = np.array([values[name] for name in PARAMETERS[family]])
     loops = tuple(factors @ parameters for factors in corner_factors(family))
-    return Section(family=family, loops=loops, face_names=tuple(tuple(name for name, _ in loop) for loop in _LOOPS[family]))
+    return Section(family=family, loops=loops, face_names=edge_names(family))
 
 
 def _round_section(family: str, values: Mapping[str, float], n_chords: int) -> Section:

@@ -45,6 +45,9 @@ def test_without_the_line_it_is_unknown():
         segment_scene(Scan(cloud=two_layers()), SegmentationOptions(method="layers"))
 
 
-def test_registry_line_in_the_text_is_that_of_the_code():
-    line = re.search(r'METHODS: .* = \{.*"layers": layers\}', TEXT).group(0)
-    assert all(f'"{name}"' in line for name in scene.METHODS)
+def test_registry_in_the_text_begins_as_that_of_the_code():
+    text = re.search(r"METHODS: .* = \{.*?\}", TEXT, re.S).group(0)
+    assert '"layers": layers,' in text
+    code = Path(scene.__file__).read_text(encoding="utf-8")
+    head = "\n".join(line.strip() for line in text.splitlines()[:2])
+    assert head in "\n".join(line.strip() for line in code.splitlines())

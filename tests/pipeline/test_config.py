@@ -40,7 +40,7 @@ def test_one_word_is_a_list_of_one():
         ("segmentation.method", "eucledian", "did you mean 'euclidean'"),
         ("select.kinds", "3", "expected a list"),
         ("input.unit", "feet", "use one of m, mm"),
-        ("segmentation.method", "magic", "use one of euclidean, given, single"),
+        ("segmentation.method", "magic", "use one of euclidean, kmeans, "),
         ("seed", "1", "not known"),
         ("run", "1", "not known"),
         ("run.seed.deep", "1", "not known"),

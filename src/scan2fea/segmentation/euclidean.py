@@ -23,7 +23,7 @@ def euclidean(cloud: PointCloud, options: SegmentationOptions = SegmentationOpti
     The radius comes from the data (see `radius.link_radius`) unless given. It suits the sparsest region, so each part is then tried with
     the radius of its own points: the finer cut is kept where it gives at least two parts of 2 % or more and loses no more than 2 % of the
     points; so a dense object beside a sparse one parts from it, and an object of uneven density does not fall apart. Parts below
-    `min_points` join the nearest larger part within two radii, else they get -1.
+    `min_points` join the nearest larger part within two radii, else they get -1, as do parts above `max_points`.
 
     Raises SegmentationError if `radius_m` is not positive or exceeds the extent of the cloud.
     """
@@ -34,11 +34,25 @@ def euclidean(cloud: PointCloud, options: SegmentationOptions = SegmentationOpti
     if radius is None:
         labels = _refined(points, options)
     else:
-        extent = float(np.linalg.norm(np.ptp(points, axis=0)))
-        says = f"segmentation.radius_m is {radius} m: it must be positive and below the size of the cloud, {extent:.4g} m"
-        require(math.isfinite(radius) and 0 < radius < extent, SegmentationError, says)
+        usable_radius(points, radius)
         labels = absorbed(points, radius_components(points, radius), radius, options.min_points)
-    return labels
+    return labels if options.max_points is None else _without_large(labels, options.max_points)
+
+
+def usable_radius(points: FloatArray, radius_m: float) -> float:
+    """The radius, if it can join and part points (n, 3). Raises SegmentationError if it is not positive or exceeds their extent."""
+    extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+    says = f"segmentation.radius_m is {radius_m} m: it must be positive and below the size of the cloud, {extent:.4g} m"
+    require(math.isfinite(radius_m) and 0 < radius_m < extent, SegmentationError, says)
+    return radius_m
+
+
+def _without_large(labels: IntArray, max_points: int) -> IntArray:
+    """Labels of parts of at most so many points, without gaps; -1 for the others."""
+    keep = np.bincount(labels[labels >= 0], minlength=1) <= max_points
+    number = np.append(np.where(keep, np.cumsum(keep) - 1, -1), -1)
+    kept: IntArray = number[labels]
+    return kept
 
 
 def _refined(points: FloatArray, options: SegmentationOptions) -> IntArray:

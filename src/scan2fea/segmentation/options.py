@@ -6,16 +6,30 @@ from dataclasses import dataclass
 
 from scan2fea.options import option
 
+LINKAGES = ("single", "complete", "average", "ward")
+
 
 @dataclass(frozen=True, kw_only=True)
 class SegmentationOptions:
     """How the cloud falls into objects."""
 
-    method: str = option("euclidean", "euclidean: parts nearer than radius_m; given: labels of the file; single: all one object")
+    method: str = option(
+        "euclidean",
+        "euclidean: parts nearer than radius_m; kmeans, fuzzy_cmeans, agglomerative, divisive: clusters of points near each other; "
+        "given: labels of the file; single: all one object",
+    )
     supports: bool = option(True, "Find floors, table tops and walls and keep them apart from what stands on them")
     radius_m: float | None = option(None, "Points nearer than this belong together; none: from the spacing of the points", unit="m", minimum=0.0)
     min_points: int = option(100, "A smaller part joins its near neighbour, or is no object", minimum=3)
-    seed: int = option(0, "Seed of the plane search", minimum=0)
+    max_points: int | None = option(None, "euclidean: a larger part is no object (the thesis: 50000)", minimum=3)
+    clusters: int | None = option(
+        None, "kmeans, fuzzy_cmeans, agglomerative, divisive: number of clusters; none: from the data (single linkage: cut at radius_m)", minimum=2
+    )
+    most_clusters: int = option(20, "The largest number of clusters that is tried where it comes from the data", minimum=2, maximum=1000)
+    restarts: int = option(8, "kmeans, fuzzy_cmeans: runs from different starts, of which the best is kept", minimum=1, maximum=1000)
+    fuzziness: float = option(2.0, "fuzzy_cmeans: the exponent m of the memberships", minimum=1.05, maximum=10.0)
+    linkage: str = option("single", "agglomerative: distance of two clusters", choices=LINKAGES)
+    seed: int = option(0, "Seed of the plane search and of the starts of clusters", minimum=0)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,8 +7,12 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from scan2fea.errors import UsageError, require
+from scan2fea.segmentation.agglomerative import agglomerative
+from scan2fea.segmentation.divisive import divisive
 from scan2fea.segmentation.euclidean import euclidean
+from scan2fea.segmentation.fuzzy_cmeans import fuzzy_cmeans
 from scan2fea.segmentation.given import given
+from scan2fea.segmentation.kmeans import kmeans
 from scan2fea.segmentation.options import SegmentationOptions
 from scan2fea.segmentation.planes import PlaneFinder
 from scan2fea.segmentation.radius import link_radius
@@ -19,7 +23,15 @@ from scan2fea.types import IntArray, PointCloud, Scan, Segments
 
 Method = Callable[[PointCloud, SegmentationOptions], IntArray]
 
-METHODS: Mapping[str, Method] = {"euclidean": euclidean, "given": given, "single": single}
+METHODS: Mapping[str, Method] = {
+    "euclidean": euclidean,
+    "kmeans": kmeans,
+    "fuzzy_cmeans": fuzzy_cmeans,
+    "agglomerative": agglomerative,
+    "divisive": divisive,
+    "given": given,
+    "single": single,
+}
 FINAL = ("given", "single")  # their labels are taken as they are: no support is looked for
 
 

@@ -7,6 +7,8 @@ draw of the points and every point follows the nearest drawn one.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.cluster.hierarchy import linkage
 
@@ -60,7 +62,8 @@ def joined(points: FloatArray, how: str, k: int) -> IntArray:
     n = len(points)
     if n <= k:
         return np.arange(n, dtype=np.int64)
-    merges = linkage(points, how)[: n - k, :2].astype(np.int64)
+    name: Any = how
+    merges = linkage(points, name)[: n - k, :2].astype(np.int64)
     member = np.concatenate([np.arange(n), np.zeros(len(merges), np.int64)])  # one point of each cluster
     for i, (a, _) in enumerate(merges):
         member[n + i] = member[a]

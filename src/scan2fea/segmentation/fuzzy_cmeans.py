@@ -63,7 +63,8 @@ def fuzzy(points: FloatArray, k: int, restarts: int, m: float, seed: int) -> Fuz
 def converged(points: FloatArray, centres: FloatArray, m: float) -> FuzzyCMeans:
     """Steps of eq 2.14 and 2.15 until no centre moves by more than 1e-5 of the cloud's spread."""
     spread = float(np.sqrt(points.var(axis=0).sum()))
-    objective, moved = [], np.inf
+    objective: list[float] = []
+    moved = np.inf
     while len(objective) < _STEPS and moved > _STILL * spread:
         sums, weight, cost = _step(points, centres, m)
         objective.append(cost)

@@ -74,7 +74,7 @@ def lloyd(points: FloatArray, centres: FloatArray) -> KMeans:
     k = len(centres)
     spread = float(np.sqrt(points.var(axis=0).sum()))
     labels, distance = np.zeros(len(points), np.int64), np.zeros(len(points))
-    objective = []
+    objective: list[float] = []
     moved = np.inf
     while len(objective) < _STEPS:
         _assign(columns, centres, labels, distance)

@@ -11,7 +11,7 @@ import pytest
 
 from scan2fea.errors import EmptyScanError, FormatError, InputError
 from scan2fea.io import read_scan
-from scan2fea.io.formats import BY_SUFFIX
+from scan2fea.io.formats import BY_SUFFIX, suffix_of
 from scan2fea.io.velodyne import write_velodyne
 
 HUGE = 10**12
@@ -48,6 +48,7 @@ def ply(n=1, form="ascii", body=b"1 2 3\n", extra="", more=""):
 
 
 FACE = "element face {}\nproperty list {} int vertex_indices\n"
+VTK = b"# vtk DataFile Version 3.0\ntitle\n%s\n"
 PTX = b"{} {}\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n"
 E57 = b"ASTM-E57" + struct.pack("<IIQQQQ", 1, 0, 1024, 48, 100, 1024)
 
@@ -184,7 +185,32 @@ BAD = {
     # suffixes
     "scan.xyz.gz": (b"\x1f\x8b", "suffix .gz is not known"),
     "scan": (b"1 2 3\n", "suffix .none. is not known"),
-    "scan.vtk": (b"# vtk", "suffix .vtk"),
+    # bare floats
+    "odd.bin": (b"\0" * 4003, "no whole 32-bit floats"),
+    "one.bin": (np.arange(6000, dtype="<f4").tobytes(), "nothing tells that these 24000 bytes are rows"),
+    "nan.bin": (np.full(6000, np.nan, "<f4").tobytes(), "nothing tells"),
+    "cut.pcd.bin": (b"\0" * 39, "no whole rows of x y z intensity ring"),
+    "ring.pcd.bin": (np.full(50, 0.5, "<f4").tobytes(), "no ring numbers"),
+    # legacy VTK
+    "junk.vtk": (b"# vtk", "begins with"),
+    "kind.vtk": (b"# vtk DataFile Version 3.0\nt\nzipped\n", "not ASCII or BINARY"),
+    "grid.vtk": (VTK % b"ASCII" + b"DATASET STRUCTURED_POINTS\n", "STRUCTURED_POINTS"),
+    "none.vtk": (VTK % b"ASCII" + b"DATASET POLYDATA\n", "no POINTS"),
+    "huge.vtk": (VTK % b"ASCII" + b"DATASET POLYDATA\nPOINTS 1000000000000 float\n1 2 3\n", "line 5: 1000000000000 rows of 3"),
+    "hugebin.vtk": (VTK % b"BINARY" + b"DATASET POLYDATA\nPOINTS 1000000000000 float\n", "1000000000000 rows of 3"),
+    "neg.vtk": (VTK % b"ASCII" + b"DATASET POLYDATA\nPOINTS -1 float\n", "'-1' after POINTS is no count"),
+    "type.vtk": (VTK % b"ASCII" + b"DATASET POLYDATA\nPOINTS 1 quad\n1 2 3\n", "'quad' is no type"),
+    "word.vtk": (VTK % b"ASCII" + b"DATASET POLYDATA\nPOINTS 1 float\n1 2 x\n", "line 6: 'x' is not a number"),
+    "cut.vtk": (VTK % b"ASCII" + b"DATASET POLYDATA\nPOINTS 3 float\n1.5 2.5 3.5 4.5 5.5 6.5 7.5 8.5\n", "ends within an array"),
+    "key.vtk": (VTK % b"ASCII" + b"DATASET POLYDATA\nPOINTS 1 float\n1 2 3\nHELLO 3\n", "'HELLO' is no keyword"),
+    "face.vtk": (VTK % b"ASCII" + b"DATASET POLYDATA\nPOINTS 1 float\n1 2 3\nPOLYGONS 1 4\n3 0 0 9\n", "vertex 9"),
+    "corners.vtk": (VTK % b"ASCII" + b"DATASET POLYDATA\nPOINTS 1 float\n1 2 3\nPOLYGONS 1 4\n9 0 0 0\n", "a cell has 9 corners"),
+    "rows.vtk": (VTK % b"ASCII" + b"DATASET POLYDATA\nPOINTS 1 float\n1 2 3\nPOINT_DATA 2\nSCALARS a float\n1 2\n", "a has 2 rows"),
+    # one beam
+    "far.csv": (b"time,angle,range\n0,90,1\n0,180,1\n", "180 rad, beyond 3 turns: name the column angle_deg"),
+    "nan.csv": (b"time,angle,range\n0,nan,1\n", "angle that is not finite"),
+    "missed.csv": (b"time,angle,range\n0,0.1,0\n", "1 are rays without return"),
+    "range.csv": (b"time,range,q\n0,1,1\n", "or angle and range"),
 }
 
 
@@ -260,6 +286,11 @@ def sound_files(folder):
     file.write(folder / "a.laz")
     with pye57.E57(str(folder / "a.e57"), "w") as e57:
         e57.write_scan_raw({f"cartesian{axis}": points[:, k].copy() for k, axis in enumerate("XYZ")})
+    (folder / "a.vtk").write_bytes(VTK % b"BINARY" + b"DATASET POLYDATA\nPOINTS 60 double\n" + points.astype(">f8").tobytes())
+    (folder / "b.vtk").write_text((VTK % b"ASCII").decode() + f"DATASET POLYDATA\nPOINTS 60 float\n{text}POLYGONS 1 4\n3 0 1 2\n")
+    (folder / "a.bin").write_bytes(np.column_stack([5 + points, rng.random(60)]).astype("<f4").tobytes())
+    (folder / "a.pcd.bin").write_bytes(np.column_stack([points, rng.random(60), np.arange(60) % 32]).astype("<f4").tobytes())
+    (folder / "planar.csv").write_text("time,angle,range\n" + "".join(f"{k},{0.1 * k!r},{2.5 + k}\n" for k in range(20)))
     turn = 46.08e-6 * np.arange(30)
     write_velodyne(folder / "a.pcap", turn, 360 * 20 * turn, rng.uniform(1, 100, (30, 32)), np.ones((30, 32)))
     return sorted(folder.iterdir())
@@ -270,14 +301,14 @@ def test_cut_and_garbled_files_of_every_format_never_escape(tmp_path):
     folder = tmp_path / "sound"
     folder.mkdir()
     files = sound_files(folder)
-    assert {path.suffix for path in files} >= {suffix for suffix in BY_SUFFIX if suffix not in (".txt", ".csv", ".asc", ".pwn")} - {
+    assert {suffix_of(path) for path in files} >= {suffix for suffix in BY_SUFFIX if suffix not in (".txt", ".csv", ".asc", ".pwn")} - {
         ".xyzn", ".xyzc", ".xyzi", ".xyzrgb",
     }  # fmt: skip
     rng = np.random.default_rng(1)
     for path in files:
         assert read_scan(path).n_points >= 4
         whole = path.read_bytes()
-        target = tmp_path / f"bad{path.suffix}"
+        target = tmp_path / f"bad{suffix_of(path)}"
         cuts = [whole[:n] for n in rng.integers(1, len(whole), 15)]
         garbled = []
         for k in range(40):

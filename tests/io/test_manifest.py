@@ -19,6 +19,8 @@ REFUSED = {
     "registration/small_gicp/T_target_source.txt": "4 x 4 pose",
     "registration/3dmatch_demo/gt.npy": "4 x 4 pose",
     "registration/kitti_07/graph.txt": "'v0' in column 1",
+    "registration/newer_06_deskew/times_00.bin": "nothing tells that these",
+    "registration/newer_06_deskew/times_01.bin": "nothing tells that these",
     "registration/libpointmatcher/carCloudList.csv": "columns named x, y and z are needed",
     "structural/pc2beam/profiles.csv": "no rows of numbers",
     "formats/pdal/las/garbage_nVariableLength.las": "promises 1069128089 variable length records",

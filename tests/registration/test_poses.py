@@ -106,3 +106,45 @@ def test_the_convention_of_bun_conf_as_noted():
     q = np.array([0.00548449, -0.294635, -0.0038555, 0.955586])
     np.testing.assert_allclose(T[:3, :3], quaternion_to_matrix(q * [-1, -1, -1, 1]), atol=1e-6)
     np.testing.assert_allclose(T[:3, 3], [-0.0520211, -0.000383981, -0.0109223])
+
+
+# ---- KITTI: poses of a camera, rows numbered by frame
+
+T_CAMERA = rigid(quaternion_to_matrix([0.5, -0.5, 0.5, 0.5]), [0.01, -0.07, -0.27])
+
+
+def kitti(tmp_path, poses, head="P0: 1 0 0 0 0 1 0 0 0 0 1 0\n"):
+    (tmp_path / "poses.txt").write_text(WRITERS["kitti.txt"](poses))
+    (tmp_path / "calib.txt").write_text(head + "Tr: " + " ".join(map(repr, T_CAMERA[:3].ravel().tolist())) + "\n")
+    return tmp_path / "poses.txt", tmp_path / "calib.txt"
+
+
+def test_poses_of_a_camera_become_poses_of_the_scans(tmp_path):
+    path, calibration = kitti(tmp_path, POSES)
+    point = np.array([3.0, -2.0, 0.4, 1.0])
+    for T, found in zip(POSES, read_poses(path, NAMES, calibration), strict=True):
+        in_camera_0 = T @ T_CAMERA @ point
+        np.testing.assert_allclose(T_CAMERA @ found @ point, in_camera_0, atol=1e-12)  # the same point, seen from camera 0
+
+
+def test_rows_of_a_sequence_are_taken_by_the_number_of_the_frame(tmp_path):
+    path, _ = kitti(tmp_path, POSES)
+    found = read_poses(path, ["velodyne/000002.bin", "velodyne/000000.bin"])
+    np.testing.assert_allclose(found, [POSES[2], POSES[0]], atol=1e-12)
+    with pytest.raises(InputError, match=r"holds 3 poses, none for 000003\.bin: it is of other frames"):
+        read_poses(path, ["000003.bin"])
+    with pytest.raises(InputError, match="holds 3 poses for 2 inputs"):
+        read_poses(path, ["a.bin", "b.bin"])
+
+
+@pytest.mark.parametrize("text, said", [
+    ("P0: 1 2 3\n", "has no line Tr:"), ("Tr: 1 2 3\n", "Tr has 3 numbers, 12 are needed"), ("Tr: 1 0 0 0 0 1 0 0 0 0 2 0\n", "no rigid motion"),
+    ("Tr: a 0 0 0 0 1 0 0 0 0 2 0\n", "line 1: could not convert"),
+])  # fmt: skip
+def test_what_is_wrong_with_a_calibration(text, said, tmp_path):
+    path, calibration = kitti(tmp_path, POSES)
+    calibration.write_text(text)
+    with pytest.raises(FormatError, match=said):
+        read_poses(path, NAMES, calibration)
+    with pytest.raises(InputError, match="no such file of calibration"):
+        read_poses(path, NAMES, tmp_path / "none.txt")

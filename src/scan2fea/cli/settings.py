@@ -12,6 +12,7 @@ from scan2fea.pipeline.config import Config, load_config
 SHORT_FORMS = {
     "unit": "input.unit",
     "poses": "registration.poses",
+    "calibration": "registration.calibration",
     "labels": "input.labels",
     "sensor_position": "input.sensor_position",
     "seed": "run.seed",

@@ -12,8 +12,10 @@ from pathlib import Path
 from scan2fea.errors import FormatError, require
 from scan2fea.io.e57 import open_e57
 from scan2fea.io.files import existing_file
+from scan2fea.io.kitti import open_kitti
 from scan2fea.io.las import open_las
 from scan2fea.io.npy import open_npy, open_npz
+from scan2fea.io.nuscenes import open_nuscenes
 from scan2fea.io.obj import open_obj
 from scan2fea.io.off import open_off
 from scan2fea.io.pcap import MAGIC as PCAP_MAGIC
@@ -24,6 +26,7 @@ from scan2fea.io.source import Source
 from scan2fea.io.stl import open_stl
 from scan2fea.io.text import open_text
 from scan2fea.io.velodyne import open_velodyne
+from scan2fea.io.vtk_legacy import open_vtk
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,9 @@ FORMATS = (
     Format("OBJ", (".obj",), open_obj),
     Format("OFF", (".off",), open_off),
     Format("pcap", (".pcap",), open_velodyne, PCAP_MAGIC),
+    Format("KITTI", (".bin",), open_kitti),
+    Format("nuScenes", (".pcd.bin",), open_nuscenes),
+    Format("legacy VTK", (".vtk",), open_vtk, (b"# vtk DataFile",)),
 )
 BY_SUFFIX = {suffix: entry for entry in FORMATS for suffix in entry.suffixes}
 
@@ -58,7 +64,6 @@ _OTHERS = (
     (b"\x89PNG", "PNG"),
     (b"\xff\xd8\xff", "JPEG"),
     (b"%PDF", "PDF"),
-    (b"# vtk DataFile", "legacy VTK"),
     (b"<?xml", "XML"),
     (b"<VTKFile", "VTK XML"),
     (b"$MeshFormat", "Gmsh"),
@@ -73,9 +78,15 @@ _OTHERS = (
 _SURE = tuple((start, entry.name) for entry in FORMATS for start in entry.magic if len(start) > 3) + _OTHERS
 
 
+def suffix_of(path: Path) -> str:
+    """The suffix of a file that is known, of two parts (.pcd.bin) where it has such a one; else its last part."""
+    double = "".join(path.suffixes[-2:]).lower()
+    return double if double in BY_SUFFIX else path.suffix.lower()
+
+
 def format_of(path: Path) -> Format:
     """The format of a file by its suffix. Raises FormatError for an unknown suffix, or where the file begins as another format does."""
-    suffix = path.suffix.lower()
+    suffix = suffix_of(path)
     if suffix not in BY_SUFFIX:
         raise FormatError(
             f"{path}: suffix {suffix or '(none)'} is not known: known are {', '.join(sorted(BY_SUFFIX))}; export the scan as one of them"
@@ -96,7 +107,7 @@ def format_of(path: Path) -> Format:
 def open_source(path: Path) -> tuple[Format, Source]:
     """Open a file of points or triangles by its suffix. Raises InputError, FormatError or EmptyScanError in one line."""
     path = Path(path)
-    if path.suffix.lower() not in BY_SUFFIX and path.is_file():
+    if suffix_of(path) not in BY_SUFFIX and path.is_file():
         format_of(path)
     size = existing_file(path)
     entry = format_of(path)

@@ -12,7 +12,8 @@ import numpy as np
 from scan2fea.errors import EmptyScanError, FormatError, require
 from scan2fea.io import columns
 from scan2fea.io.numbers import TextTable, forget, mapped, number, shown, split_line
-from scan2fea.io.source import ROWS_PER_PIECE, Piece, Source
+from scan2fea.io.planar_scan import PlanarColumns, planar_columns, planar_piece
+from scan2fea.io.source import ROWS_PER_PIECE, Column, Piece, Source
 from scan2fea.io.tokens import WHITESPACE
 from scan2fea.types import ByteArray
 
@@ -34,10 +35,13 @@ def open_text(path: Path, size: int) -> Source:
             f"{path} promises {layout.n_points} points, but its {size} bytes hold at most {most}: it is cut off or not a scan",
         )
 
-    def pieces(wanted: frozenset[str]) -> Iterator[Piece]:
-        return _pieces(layout, wanted)
+    planar = None if columns.find_all(table.names, "x", "y", "z") else planar_columns(table.names)
 
-    return Source(columns=table.names, pieces=pieces, n_points=layout.n_points, notes=layout.notes)
+    def pieces(wanted: frozenset[str]) -> Iterator[Piece]:
+        return _pieces(layout, wanted, planar)
+
+    notes = layout.notes + (planar.notes if planar is not None else ())
+    return Source(columns=table.names, pieces=pieces, n_points=layout.n_points, notes=notes)
 
 
 @dataclass(frozen=True)
@@ -56,9 +60,9 @@ class _Line:
     number: int
 
 
-def _pieces(layout: _Layout, wanted: frozenset[str]) -> Iterator[Piece]:
+def _pieces(layout: _Layout, wanted: frozenset[str], planar: PlanarColumns | None) -> Iterator[Piece]:
     table, left = layout.table, layout.n_points
-    xyz = columns.find_all(table.names, "x", "y", "z") or ()
+    xyz = (columns.find_all(table.names, "x", "y", "z") or ()) if planar is None else (planar.angle, planar.range)
     others = tuple(name for name in table.names if name in wanted and name not in xyz)
     numbers = tuple(table.names.index(name) for name in xyz + others)
     position, read = table.start, 0
@@ -67,7 +71,11 @@ def _pieces(layout: _Layout, wanted: frozenset[str]) -> Iterator[Piece]:
         values, position = table.rows(position, limit, numbers)
         read += len(values)
         if len(values):
-            yield Piece(points=values[:, :3], columns={name: values[:, 3 + k] for k, name in enumerate(others)})
+            beside: dict[str, Column] = {name: values[:, len(xyz) + k] for k, name in enumerate(others)}
+            if planar is None:
+                yield Piece(points=values[:, :3], columns=beside)
+            else:
+                yield planar_piece(str(table.path), values[:, 0], values[:, 1], bool(planar.in_degrees), beside)
             forget(table.text)
         if left is not None:
             left -= len(values)
@@ -179,9 +187,9 @@ def _table(path: Path, text: ByteArray, size: int, first: _Line, titles: list[_L
     bare = TextTable(path, text, first.start, size, separator, ord(point), len(tokens))
     names, notes = _names(path, bare, tokens, titles)
     require(
-        columns.find_all(names, "x", "y", "z"),
+        columns.find_all(names, "x", "y", "z") or planar_columns(names),
         FormatError,
-        f"{path}: its columns are {', '.join(names)[:200]}: columns named x, y and z are needed",
+        f"{path}: its columns are {', '.join(names)[:200]}: columns named x, y and z are needed, or angle and range",
     )
     return TextTable(path, text, first.start, size, separator, ord(point), len(tokens), names), notes
 
@@ -191,7 +199,7 @@ def _names(path: Path, table: TextTable, tokens: list[str], titles: list[_Line])
     for line in reversed(titles):
         words = split_line(line.text.lstrip("#%/ ").encode(), _separator(line.text.lstrip("#%/ "))[0])
         is_comment = line.text.startswith(_COMMENTS)
-        if is_comment and not columns.find_all(words, "x", "y", "z"):
+        if is_comment and not columns.find_all(words, "x", "y", "z") and planar_columns(words) is None:
             continue
         if len(words) == len(tokens):
             return _distinct(words), ()

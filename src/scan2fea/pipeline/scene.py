@@ -63,7 +63,8 @@ def place_all(raws: tuple[RawScan, ...], options: RegistrationOptions, *, names:
 
     Raises InputError for a file of poses that cannot be read or names none of the inputs.
     """
-    poses = read_poses(Path(options.poses), list(names)) if options.poses else [None] * len(raws)
+    calibration = Path(options.calibration) if options.calibration else None
+    poses = read_poses(Path(options.poses), list(names), calibration) if options.poses else [None] * len(raws)
     own, fixed = [raw.pose_given for raw in raws], [raw.mesh is not None for raw in raws]
     placed = place([raw.scan for raw in raws], poses, list(names), options, is_placed=own, is_fixed=fixed)
     shift = shift_of(placed.scan.cloud.points)

@@ -21,4 +21,5 @@ class RegistrationOptions:
         False, "Move inputs that have a place where their surfaces say otherwise; things that are round, slender or alike along a line may mislead it"
     )
     poses: str = option("", "File with the pose of each input (bun.conf, graph.txt, TUM, KITTI, 4 x 4 matrices, .npy); empty: as they lie")
+    calibration: str = option("", "calib.txt of KITTI, which takes the scans to the camera that `poses` are of; empty: `poses` are of the scans")
     seed: int = option(0, "Seed of the triples of matches that are drawn", minimum=0)

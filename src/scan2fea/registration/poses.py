@@ -6,7 +6,8 @@ format          one line                                    meaning
 Stanford .conf  ``bmesh FILE tx ty tz qx qy qz qw``         x_world = R(conj(q)) x + t, matched by file name
 graph           ``v_NUMBER tx ty tz qx qy qz qw``           x_world = R(q) x + t, matched by the last number in the file name
 TUM             ``time tx ty tz qx qy qz qw``               x_world = R(q) x + t, one row per input, in input order
-KITTI           12 numbers                                  upper three rows of the matrix, one row per input, in input order
+KITTI           12 numbers                                  upper three rows of the matrix, one row per input, in input order; of more rows than
+                                                            inputs, row k (from 0) for a file whose name is the number k (000042.bin)
 matrices        4 rows of 4 numbers each, or .npy           x_world = T x, one per input, in input order
 ==============  ==========================================  =================================================================
 """
@@ -20,18 +21,44 @@ from pathlib import Path
 import numpy as np
 
 from scan2fea.errors import FormatError, InputError, require
-from scan2fea.kernel.transforms import is_rigid, quaternion_to_matrix, rigid
+from scan2fea.kernel.transforms import inverse, is_rigid, quaternion_to_matrix, rigid
 from scan2fea.types import FloatArray
 
 _LARGEST_BYTES = 100_000_000  # a file of poses is small: what is larger is something else
 
 
-def read_poses(path: Path, names: Sequence[str]) -> tuple[FloatArray | None, ...]:
+def read_poses(path: Path, names: Sequence[str], calibration: Path | None = None) -> tuple[FloatArray | None, ...]:
     """T_world_frame (4, 4) of each input, None for one that the file does not name.
 
-    names : file names of the inputs, in input order. Raises InputError where the file cannot be read, names none of the inputs or holds another
+    names : file names of the inputs, in input order.   calibration : calib.txt of KITTI, whose line `Tr` takes the points to the camera that the
+    poses are of; the world is then that of the points of row 0. Raises InputError where the file cannot be read, names none of the inputs or holds another
     number of poses than there are inputs; FormatError where a line is not what its format says.
     """
+    found = _read(path, names)
+    if calibration is None:
+        return found
+    T_camera_frame = read_calibration(calibration)
+    return tuple(None if T is None else inverse(T_camera_frame) @ T @ T_camera_frame for T in found)
+
+
+def read_calibration(path: Path) -> FloatArray:
+    """T_camera_frame (4, 4) of a calib.txt of KITTI: the 12 numbers after `Tr:` or `Tr_velo_to_cam:`. Raises InputError, FormatError."""
+    require(path.is_file(), InputError, f"{path}: no such file of calibration")
+    require(path.stat().st_size <= _LARGEST_BYTES, FormatError, f"{path}: {path.stat().st_size} bytes is no file of calibration")
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError as error:
+        raise FormatError(f"{path}: is no text; the calibration of KITTI is calib.txt") from error
+    for i, line in enumerate(lines, start=1):
+        name, colon, numbers = line.partition(":")
+        if colon and name.strip() in ("Tr", "Tr_velo_to_cam"):
+            values = _numbers(path, i, numbers.split())
+            require(len(values) == 12, FormatError, f"{path}, line {i}: {name.strip()} has {len(values)} numbers, 12 are needed")
+            return _matrices(path, values.reshape(1, 3, 4))[0]
+    raise FormatError(f"{path}: has no line Tr: or Tr_velo_to_cam:, which takes the points to the camera")
+
+
+def _read(path: Path, names: Sequence[str]) -> tuple[FloatArray | None, ...]:
     require(path.is_file(), InputError, f"{path}: no such file of poses")
     require(path.stat().st_size <= _LARGEST_BYTES, FormatError, f"{path}: {path.stat().st_size} bytes is no file of poses")
     if path.suffix.lower() == ".npy":
@@ -47,7 +74,17 @@ def read_poses(path: Path, names: Sequence[str]) -> tuple[FloatArray | None, ...
     if any(re.fullmatch(r"v_?\d+", words[0]) for _, words in lines):
         numbered = {int(words[0].lstrip("v_")): _quaternion_pose(path, i, words[1:]) for i, words in lines if re.fullmatch(r"v_?\d+", words[0])}
         return _by_number(path, numbered, names)
-    return _in_order(path, _rows(path, lines), names)
+    rows = _rows(path, lines)
+    if len(lines[0][1]) == 12 and len(rows) > len(names) and all(Path(name).stem.isdigit() for name in names):
+        return _by_row(path, rows, names)
+    return _in_order(path, rows, names)
+
+
+def _by_row(path: Path, rows: Sequence[FloatArray], names: Sequence[str]) -> tuple[FloatArray | None, ...]:
+    numbers = [int(Path(name).stem) for name in names]
+    outside = [name for name, k in zip(names, numbers, strict=True) if k >= len(rows)]
+    require(not outside, InputError, f"{path}: holds {len(rows)} poses, none for {', '.join(outside[:3])}: it is of other frames")
+    return tuple(rows[k] for k in numbers)
 
 
 def _quaternion_pose(path: Path, line: int, words: Sequence[str], conjugate: bool = False) -> FloatArray:

@@ -32,7 +32,7 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("--resume", action="store_true", help="go on in OUT: what is unchanged is not made again; labels.csv may have been edited")
     run.add_argument("--unit", help="unit of the input where its format states none [input.unit]")
     run.add_argument("--poses", metavar="FILE", help="where each input stood (bun.conf, TUM, KITTI, 4x4) [registration.poses]")
-    run.add_argument("--calibration", metavar="FILE", help="calib.txt of KITTI, from the scans to the camera of --poses [registration.calibration]")
+    run.add_argument("--calibration", metavar="FILE", help="calib.txt of KITTI: from scans to the camera of --poses [registration.calibration]")
     run.add_argument("--labels", metavar="COLUMN", help="take the objects from this column (name or number) [input.labels]")
     run.add_argument(
         "--sensor-position", nargs=3, type=float, metavar=("X", "Y", "Z"), help="where the scanner stood, in the frame and unit of each file"
@@ -84,7 +84,7 @@ def parser() -> argparse.ArgumentParser:
     register.add_argument("-o", "--out", required=True, metavar="OUT", help="folder for what is made")
     register.add_argument("--unit", help="unit of the input where its format states none [input.unit]")
     register.add_argument("--poses", metavar="FILE", help="where each input stood (bun.conf, TUM, KITTI, 4x4) [registration.poses]")
-    register.add_argument("--calibration", metavar="FILE", help="calib.txt of KITTI, from the scans to the camera of --poses [registration.calibration]")
+    register.add_argument("--calibration", metavar="FILE", help="calib.txt of KITTI: from scans to the camera of --poses [registration.calibration]")
     register.add_argument(
         "--sensor-position", nargs=3, type=float, metavar=("X", "Y", "Z"), help="where the scanner stood, in the frame and unit of each file"
     )

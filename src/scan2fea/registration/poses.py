@@ -31,7 +31,8 @@ def read_poses(path: Path, names: Sequence[str], calibration: Path | None = None
     """T_world_frame (4, 4) of each input, None for one that the file does not name.
 
     names : file names of the inputs, in input order.   calibration : calib.txt of KITTI, whose line `Tr` takes the points to the camera that the
-    poses are of; the world is then that of the points of row 0. Raises InputError where the file cannot be read, names none of the inputs or holds another
+    poses are of; the world is then that of the points of row 0.
+    Raises InputError where the file cannot be read, names none of the inputs or holds another
     number of poses than there are inputs; FormatError where a line is not what its format says.
     """
     found = _read(path, names)

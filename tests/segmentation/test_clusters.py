@@ -17,8 +17,8 @@ from scan2fea.segmentation.euclidean import euclidean
 from scan2fea.segmentation.fuzzy_cmeans import converged, fuzzy, memberships
 from scan2fea.segmentation.kmeans import clustered, lloyd
 from scan2fea.segmentation.metrics import adjusted_rand
+from scan2fea.simulation.control_sets import blobs
 from scan2fea.types import PointCloud
-from segmentation_sets import SETS
 
 CLUSTERING = ("kmeans", "fuzzy_cmeans", "agglomerative", "divisive")
 
@@ -129,7 +129,7 @@ def test_fuzzy_point_on_a_centre_belongs_to_it_alone():
 
 
 def test_fuzzy_with_little_fuzziness_is_kmeans():
-    points, truth = SETS["blobs"]()
+    points, truth = blobs()
     found = fuzzy(points, 3, 4, 1.05, 0)
     assert same(memberships(points, found.centres, 1.05).argmax(axis=1), truth)
     np.testing.assert_allclose(sorted(found.centres[:, 0]), sorted(clustered(points, 3, 4, 0).centres[:, 0]), atol=1e-3)
@@ -199,7 +199,7 @@ def test_diana_splits_the_widest_first():
 
 @pytest.mark.parametrize("method", CLUSTERING)
 def test_blobs_are_found_whatever_their_number_motion_scale_and_order(method):
-    points, truth = SETS["blobs"](100)
+    points, truth = blobs(100)
     order = np.random.default_rng(1).permutation(len(points))
     moved = 100.0 * (points @ random_rotation(3).T) + [5, 6, 7]
     for xyz, labels in ((points, truth), (moved, truth), (points[order], truth[order])):

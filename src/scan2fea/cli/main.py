@@ -90,6 +90,19 @@ def parser() -> argparse.ArgumentParser:
     )
     _add_options(register)
 
+    segment = commands.add_parser("segment", help="scans to one label per point: cloud.ply, labels.csv and a picture", allow_abbrev=False)
+    segment.add_argument("inputs", nargs="+", metavar="INPUT", help="scan files of one scene")
+    segment.add_argument("-o", "--out", required=True, metavar="OUT", help="folder for what is made")
+    methods = "euclidean (default), kmeans, fuzzy_cmeans, agglomerative, divisive, given, single [segmentation.method]"
+    segment.add_argument("--method", metavar="M", help=methods)
+    segment.add_argument("--unit", help="unit of the input where its format states none [input.unit]")
+    segment.add_argument("--poses", metavar="FILE", help="where each input stood (bun.conf, TUM, KITTI, 4x4) [registration.poses]")
+    segment.add_argument("--labels", metavar="COLUMN", help="true labels of the file (name or number), to compare with [input.labels]")
+    segment.add_argument(
+        "--sensor-position", nargs=3, type=float, metavar=("X", "Y", "Z"), help="where the scanner stood, in the frame and unit of each file"
+    )
+    _add_options(segment)
+
     reconstruct = commands.add_parser("reconstruct", help="the points of one file as one closed surface", allow_abbrev=False)
     reconstruct.add_argument("file", metavar="FILE")
     reconstruct.add_argument("-o", "--out", required=True, metavar="OUT", help="folder for what is made")

@@ -16,11 +16,11 @@ SHORT_FORMS = {
     "labels": "input.labels",
     "sensor_position": "input.sensor_position",
     "seed": "run.seed",
-    "method": "reconstruction.method",
     "family": "estimation.family",
     "member": "route.member",
     "catalogue": "route.catalogue",
 }
+METHOD_STAGES = {"reconstruct": "reconstruction.method", "segment": "segmentation.method"}  # what --method picks
 
 
 def config_of(given: argparse.Namespace, **defaults: Any) -> Config:
@@ -34,6 +34,8 @@ def config_of(given: argparse.Namespace, **defaults: Any) -> Config:
         value = getattr(given, name, None)
         if value is not None:
             settings[key] = tuple(value) if isinstance(value, list) else value
-    if getattr(given, "labels", None) is not None:
+    if getattr(given, "method", None) is not None:
+        settings[METHOD_STAGES[given.command]] = given.method
+    if getattr(given, "labels", None) is not None and given.command != "segment":  # there the labels are what is compared with
         settings["segmentation.method"] = "given"
     return load_config(Path(given.config) if given.config else None, settings)

@@ -27,6 +27,8 @@ from scan2fea.pipeline.frames import registration_row
 from scan2fea.pipeline.member_rows import member_row
 from scan2fea.pipeline.part import Made
 from scan2fea.pipeline.scene import Scene
+from scan2fea.pipeline.segment_rows import segment_rows
+from scan2fea.segmentation import Selection
 from scan2fea.types import Brep, Check, FEModel, FEResult, Member, Segments, TetMesh, TriangleMesh
 from scan2fea.verification.verdict import verdict
 
@@ -226,7 +228,7 @@ def run_report(
     segments: Segments,
     stages: Sequence[Mapping[str, Any]],
     objects: Sequence[Mapping[str, Any]],
-    warnings: Sequence[str],
+    chosen: Selection,
 ) -> dict[str, Any]:
     """The whole report.json."""
     defaults = known_keys()
@@ -242,11 +244,12 @@ def run_report(
         "registration": registration_row(inputs, scene, config.registration.mode),
         "spacing_m": number(scene.spacing_m),
         "segmentation": dict(segments.how),
+        "segments": segment_rows(scene.scan.cloud, segments, chosen),
         "stages": list(stages),
         "objects": list(objects),
         "assumptions": assumptions(inputs),
         "options_changed": changed,
-        "warnings": [*scene.notes, *warnings],
+        "warnings": [*scene.notes, *chosen.notes],
     }
     return dict(finite_tree(report))
 

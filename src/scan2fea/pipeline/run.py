@@ -64,7 +64,7 @@ def run(
         objects, stages = convert_all(parts, out, replace(config, object=named), resume, log)
         write_assembly(out, out / KEEP / "objects", objects)
         frame = write_members(out, out / KEEP / "objects", objects, config)
-        report = run_report(config, command, rows, scene.value, segments, record.stages + stages, objects, chosen.notes)
+        report = run_report(config, command, rows, scene.value, segments, record.stages + stages, objects, chosen)
         report |= {} if frame is None else {"frame_model": finite_tree(frame)}
         _write_text(out / "report.json", json.dumps(report, indent=1, allow_nan=False) + "\n")
     return report

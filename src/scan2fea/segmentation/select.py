@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -14,10 +15,14 @@ KINDS = ("object", "support", "clutter")
 
 @dataclass(frozen=True, kw_only=True)
 class Selection:
-    """labels : of the objects to model, largest first, ties by the first point.   notes : one sentence per segment left out, or per group of them."""
+    """labels : of the objects to model, largest first, ties by the first point.   notes : one sentence per segment left out, or per group of them.
+
+    why : label -> why it is modelled or is not, in a few words.
+    """
 
     labels: tuple[int, ...]
     notes: tuple[str, ...]
+    why: Mapping[int, str] = field(default_factory=dict)
 
 
 def select(cloud: PointCloud, segments: Segments, options: SelectOptions = SelectOptions()) -> Selection:
@@ -33,11 +38,15 @@ def select(cloud: PointCloud, segments: Segments, options: SelectOptions = Selec
     wanted = [label for label in order if segments.kinds[label] in options.kinds]
     least = max(float(options.min_points), options.min_share * max((counts[label] for label in wanted), default=0))
     chosen = [label for label in wanted if counts[label] >= least]
-    notes = [_note([label for label in order if segments.kinds[label] == kind], f"of kind {kind}") for kind in KINDS if kind not in options.kinds]
+    left_out = {f"of kind {kind}": [label for label in order if segments.kinds[label] == kind] for kind in KINDS if kind not in options.kinds}
     few = f"with fewer than {round(least)} points (select.min_points, select.min_share)"
-    notes.append(_note([label for label in wanted if counts[label] < least], few))
-    notes.append(_note(chosen[options.max_objects :], f"beyond select.max_objects = {options.max_objects}"))
-    return Selection(labels=tuple(chosen[: options.max_objects]), notes=tuple(note for note in notes if note))
+    left_out[few] = [label for label in wanted if counts[label] < least]
+    left_out[f"beyond select.max_objects = {options.max_objects}"] = chosen[options.max_objects :]
+    why = {label: f"not modelled: {reason}" for reason, labels in left_out.items() for label in labels}
+    labels = tuple(chosen[: options.max_objects])
+    why |= {label: f"to be modelled: object {number}" for number, label in enumerate(labels, start=1)}
+    notes = (_note(labels, reason) for reason, labels in left_out.items())
+    return Selection(labels=labels, notes=tuple(note for note in notes if note), why=why)
 
 
 def _note(labels: list[int], why: str) -> str:

@@ -1,0 +1,41 @@
+"""`scan2fea segment`: one label per point of a scene. Exit 0 where at least one segment was found, 4 where none was."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from scan2fea.cli.settings import config_of
+from scan2fea.pipeline.segment import segment_files
+from scan2fea.report.segments_picture import segments_picture
+
+SHOWN = 30  # rows of segments
+NOTHING_FOUND = 4
+
+
+def execute(given: argparse.Namespace) -> int:
+    out = Path(given.out)
+    report = segment_files([Path(path) for path in given.inputs], out, config_of(given), segments_picture)
+    segments = report["segments"]
+    for row in segments[:SHOWN]:
+        print(_line(row))
+    if len(segments) > SHOWN:
+        print(f"  ... and {len(segments) - SHOWN} more, see report.json")
+    print(
+        f"{len(segments)} segments of {report['n_points']:,} points by {report['segmentation']['method']}; {report['n_unlabelled']:,} points in none"
+    )
+    if "agreement" in report:
+        told = report["agreement"]
+        print(
+            f"against the labels of the file: adjusted Rand {told['adjusted_rand']:.3f}, mean IoU {told['mean_iou']:.3f}, F1 at IoU 0.5 {told['f1']:.3f}"
+        )
+    for text in report["warnings"]:
+        print(f"  note: {text}")
+    print(out / "cloud.ply")
+    return 0 if segments else NOTHING_FOUND
+
+
+def _line(row: dict[str, Any]) -> str:
+    size = " x ".join(f"{length:.3g}" for length in row["size_m"])
+    return f"  {row['label']:>3}  {row['kind']:<8} {row['n_points']:>9,} points, {size} m; {row['why']}"

@@ -22,14 +22,12 @@ def execute(given: argparse.Namespace) -> int:
         print(_line(row))
     if len(segments) > SHOWN:
         print(f"  ... and {len(segments) - SHOWN} more, see report.json")
-    print(
-        f"{len(segments)} segments of {report['n_points']:,} points by {report['segmentation']['method']}; {report['n_unlabelled']:,} points in none"
-    )
+    method, unlabelled = report["segmentation"]["method"], report["n_unlabelled"]
+    print(f"{len(segments)} segments of {report['n_points']:,} points by {method}; {unlabelled:,} points in none")
     if "agreement" in report:
         told = report["agreement"]
-        print(
-            f"against the labels of the file: adjusted Rand {told['adjusted_rand']:.3f}, mean IoU {told['mean_iou']:.3f}, F1 at IoU 0.5 {told['f1']:.3f}"
-        )
+        names = {"adjusted_rand": "adjusted Rand", "mean_iou": "mean IoU", "f1": "F1 at IoU 0.5"}
+        print("against the labels of the file: " + ", ".join(f"{text} {told[name]:.3f}" for name, text in names.items()))
     for text in report["warnings"]:
         print(f"  note: {text}")
     print(out / "cloud.ply")

@@ -19,7 +19,7 @@ from scan2fea.kernel.measures import volume
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.thickness import median_thickness
 from scan2fea.kernel.topology import surface_topology
-from scan2fea.reconstruction import VisibilityOptions, visibility
+from scan2fea.reconstruction import METHODS, ReconstructionOptions
 from scanned import scanned
 
 
@@ -31,25 +31,29 @@ PARTS = {  # mesh, spacing, wall
     "beam": (l_beam(length=1.0), 0.006, 0.00635),
     "tee": (tee(), 0.0025, 0.006),
     "ball": (sphere(0.1, rounds=6), 0.003, 0.03),
+    "seed": (l_beam(length=3.048), 0.006, 0.00635),  # the seed's own beam
     "large": (l_beam(length=3.048), 0.0035, 0.00635),
 }
 
 
-def row(name: str, noise: float, use_sensors: bool) -> str:
+def row(name: str, noise: float, use_sensors: bool, method: str) -> str:
     mesh, spacing, wall = PARTS[name]
     scan, _, _ = scanned(mesh, spacing, noise * wall, seed=1)
     begin = time.process_time()
-    found = visibility(scan, VisibilityOptions(use_sensors=use_sensors))
+    found = METHODS[method](scan, ReconstructionOptions(use_sensors=use_sensors))
     seconds = time.process_time() - begin
     topology = surface_topology(found.mesh)
     there, back = two_sided(found.mesh, mesh)
     figures = (
-        f"{name:6s} {noise:4.2f} {found.source:13s} {len(scan.cloud):6d} closed {topology.is_clean!s:5} crossed {len(self_intersections(found.mesh))}"
+        f"{name:6s} {noise:4.2f} {method:15s} {found.source:13s} {len(scan.cloud):6d} closed {topology.is_clean!s:5} crossed {len(self_intersections(found.mesh))}"
         f"  volume {volume(found.mesh) / volume(mesh):.4f}  wall {1e3 * median_thickness(found.mesh):7.3f} of {1e3 * wall:6.3f}"
         f" rms {1e3 * np.sqrt((there**2).mean()):.3f}  p95 {1e3 * np.percentile(there, 95):.3f} / {1e3 * np.percentile(back, 95):.3f}"
         f"  max {1e3 * there.max():.2f} / {1e3 * back.max():.2f}  {seconds:.1f} s"
     )
     refused = [check.name for check in found.checks if not check.passed]
+    if "n_open_edges_before" in found.how:
+        how = found.how
+        figures += f"  before: {how['n_pieces']} pieces, {how['n_open_edges_before']} open edges; {how['share_kept']:.3f} kept, {how['n_faces_added']} added"
     return figures + (f"  refused: {', '.join(refused)}" if refused else "")
 
 
@@ -57,12 +61,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("parts", nargs="*", default=["beam", "tee", "ball"], help=f"of {', '.join(PARTS)}")
     parser.add_argument("--noise", type=float, nargs="*", default=[0.0, 0.1, 0.3], help="share of the wall")
+    parser.add_argument("--method", nargs="*", default=["visibility"], choices=list(METHODS))
     parser.add_argument("--source", nargs="*", default=["sensors", "flood"])
     chosen = parser.parse_args()
     for name in chosen.parts:
         for noise in chosen.noise:
             for source in chosen.source:
-                print(row(name, noise, source == "sensors"), flush=True)
+                for method in chosen.method:
+                    print(row(name, noise, source == "sensors", method), flush=True)
 
 
 if __name__ == "__main__":

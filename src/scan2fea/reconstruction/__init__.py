@@ -7,17 +7,23 @@ from dataclasses import dataclass
 
 from scan2fea.errors import UsageError, require
 from scan2fea.options import option
+from scan2fea.reconstruction.advancing_front import FrontOptions, advancing_front
 from scan2fea.reconstruction.planar import planar, served
 from scan2fea.reconstruction.scale_space import ScaleSpaceOptions, scale_space
 from scan2fea.reconstruction.thin import thinned
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
 from scan2fea.types import Scan
 
-METHODS: Mapping[str, Callable[[Scan, VisibilityOptions], Reconstruction]] = {"visibility": visibility, "planar": planar, "scale_space": scale_space}
+METHODS: Mapping[str, Callable[[Scan, VisibilityOptions], Reconstruction]] = {
+    "visibility": visibility,
+    "planar": planar,
+    "advancing_front": advancing_front,
+    "scale_space": scale_space,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReconstructionOptions(ScaleSpaceOptions):
+class ReconstructionOptions(ScaleSpaceOptions, FrontOptions):
     method: str = option("visibility", "how the surface is found", choices=tuple(METHODS))
     flat: bool = option(True, "visibility: faces exactly flat and creases exactly sharp where planes explain all points")
     max_points: int = option(150_000, "a denser scan of one object is thinned to this many of its points; checks still use all", minimum=100)
@@ -31,4 +37,14 @@ def reconstruct(scan: Scan, options: ReconstructionOptions = ReconstructionOptio
     return served(fewer, found, options.seed) if options.flat and options.method == "visibility" else found
 
 
-__all__ = ["METHODS", "Reconstruction", "ReconstructionOptions", "VisibilityOptions", "planar", "reconstruct", "scale_space", "visibility"]
+__all__ = [
+    "METHODS",
+    "Reconstruction",
+    "ReconstructionOptions",
+    "VisibilityOptions",
+    "advancing_front",
+    "planar",
+    "reconstruct",
+    "scale_space",
+    "visibility",
+]

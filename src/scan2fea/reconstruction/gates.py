@@ -63,9 +63,30 @@ def gates_unseen(evidence: Evidence, unseen: Unseen) -> tuple[Check, ...]:
     )
 
 
+def gates_again(evidence: Evidence, before: tuple[Check, ...], seen: bool) -> tuple[Check, ...]:
+    """The checks of another surface over the same points and normals: what can be asked of it is asked, the rest stays as it was `before`.
+
+    seen : were the sensor positions known?
+    """
+    points, least = evidence.measured, QUIET * evidence.spacing_m
+    distance = PointToMesh(evidence.mesh).nearest(points).distance
+    sigma = scatter_m(evidence, distance)
+    asked = (
+        *resolution(evidence),
+        *rims(evidence),
+        *coverage(evidence, UNMEASURED_SEEN if seen else UNMEASURED_UNSEEN, sigma),
+        hidden_volume(evidence.mesh, evidence.backed, evidence.spacing_m),
+        deviation(distance, (DEVIATION_SEEN if seen else DEVIATION_UNSEEN) * (sigma + least)),
+        stray(points, distance, STRAY_SIGMAS * sigma + STRAY_SPACINGS * evidence.spacing_m),
+        *(() if seen else winding_agrees(evidence)),
+    )
+    names = {check.name for check in asked}
+    return (*asked, *(check for check in before if check.name not in names))
+
+
 def failed(checks: tuple[Check, ...]) -> tuple[Check, ...]:
     """Those that did not pass."""
     return tuple(check for check in checks if not check.passed)
 
 
-__all__ = ["Evidence", "Unseen", "failed", "gates_seen", "gates_unseen", "wall_m"]
+__all__ = ["Evidence", "Unseen", "failed", "gates_again", "gates_seen", "gates_unseen", "wall_m"]

@@ -171,18 +171,17 @@ def _ranged(scan: Scan, options: VisibilityOptions, images: Images, spacing_m: f
     )
 
 
+def one_part(n_parts: int) -> Check:
+    """One object is one piece."""
+    says = f"the points enclose {n_parts} separate parts: segment them into objects of their own, or scan what joins them"
+    return Check(name="parts", value=float(n_parts), limit=1.0, unit="1", passed=n_parts == 1, says=says)
+
+
 def _result(
     carved: Carved, spacing_m: float, sigma_m: float, source: str, sensor: str, checks: tuple[Check, ...], how: Mapping[str, float | str]
 ) -> Reconstruction:
     resolved = carved.resolved
-    one = Check(
-        name="parts",
-        value=float(resolved.n_parts),
-        limit=1.0,
-        unit="1",
-        passed=resolved.n_parts == 1,
-        says=f"the points enclose {resolved.n_parts} separate parts: segment them into objects of their own, or scan what joins them",
-    )
+    one = one_part(resolved.n_parts)
     known = carved.thickness_m[np.isfinite(carved.thickness_m)]
     facts: dict[str, float | str] = {
         "method": "visibility",

@@ -45,7 +45,8 @@ def row(name: str, noise: float, use_sensors: bool, method: str) -> str:
     topology = surface_topology(found.mesh)
     there, back = two_sided(found.mesh, mesh)
     figures = (
-        f"{name:6s} {noise:4.2f} {method:15s} {found.source:13s} {len(scan.cloud):6d} closed {topology.is_clean!s:5} crossed {len(self_intersections(found.mesh))}"
+        f"{name:6s} {noise:4.2f} {method:15s} {found.source:13s} {len(scan.cloud):6d} closed {topology.is_clean!s:5}"
+        f" crossed {len(self_intersections(found.mesh))}"
         f"  volume {volume(found.mesh) / volume(mesh):.4f}  wall {1e3 * median_thickness(found.mesh):7.3f} of {1e3 * wall:6.3f}"
         f" rms {1e3 * np.sqrt((there**2).mean()):.3f}  p95 {1e3 * np.percentile(there, 95):.3f} / {1e3 * np.percentile(back, 95):.3f}"
         f"  max {1e3 * there.max():.2f} / {1e3 * back.max():.2f}  {seconds:.1f} s"
@@ -53,7 +54,8 @@ def row(name: str, noise: float, use_sensors: bool, method: str) -> str:
     refused = [check.name for check in found.checks if not check.passed]
     if "n_open_edges_before" in found.how:
         how = found.how
-        figures += f"  before: {how['n_pieces']} pieces, {how['n_open_edges_before']} open edges; {how['share_kept']:.3f} kept, {how['n_faces_added']} added"
+        figures += f"  before: {how['n_pieces']} pieces, {how['n_open_edges_before']} open edges; "
+        figures += f"{how['share_kept']:.3f} kept, {how['n_faces_added']} added"
     return figures + (f"  refused: {', '.join(refused)}" if refused else "")
 
 

@@ -16,6 +16,10 @@ from scan2fea.kernel.jit import jit
 from scan2fea.kernel.side_normals import SAME_SIDE
 from scan2fea.types import FloatArray, IntArray
 
+Graph = tuple[FloatArray, FloatArray, IntArray, IntArray, FloatArray, float, float]  # points, normals, tets, neighbors, radii, wedge, ratio
+Front = tuple[IntArray, IntArray, IntArray, IntArray, IntArray, IntArray, IntArray]
+# state, after, before : (n,) of each vertex; home : (n, 3) tet, facet and apex of the triangle behind the edge that leaves it; choice : (n, 3)
+# corner, tet and facet of the best next one; stamp : (n,) counts the edges that left it; used : table of the edges of all triangles
 UNUSED, ON_FRONT, INNER = 0, 1, 2
 FOLDED = 5.0 * math.pi / 6.0  # a triangle turned by more lies on its neighbour (the sliver bound of Cohen-Steiner and Da)
 OUTSIDE_WEDGE, STANDBY = 2.0, 10.0  # added to a key: wedge first, then by angle, then those that wait for a partner
@@ -87,21 +91,18 @@ def _faces_its_side(points: FloatArray, normals: FloatArray, u: int, v: int, x: 
     bx, by, bz = points[x, 0] - points[u, 0], points[x, 1] - points[u, 1], points[x, 2] - points[u, 2]
     nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     least = SAME_SIDE * math.sqrt(nx * nx + ny * ny + nz * nz)
+    worst = np.inf
     for k in (u, v, x):
-        if nx * normals[k, 0] + ny * normals[k, 1] + nz * normals[k, 2] < least:
-            return False
-    return True
+        worst = min(worst, nx * normals[k, 0] + ny * normals[k, 1] + nz * normals[k, 2])
+    return bool(worst >= least)
 
 
 @jit
-def _candidate(
-    points: FloatArray, normals: FloatArray, tets: IntArray, neighbors: IntArray, radii: FloatArray, state: IntArray, after: IntArray, used: IntArray,
-    u: int, home: IntArray, wedge: float, ratio: float, largest: float, out: IntArray,
-) -> float:  # fmt: skip
-    """The key of the most plausible triangle on the front edge that leaves u, inf where there is none; `out` takes its (corner, tet, facet).
-
-    home : (n, 3) tet, facet and apex of the triangle behind the edge that leaves each vertex.
-    """
+def _candidate(graph: Graph, front: Front, u: int, largest: float) -> float:
+    """The key of the most plausible triangle on the front edge that leaves u, inf where there is none; choice[u] takes its (corner, tet, facet)."""
+    points, normals, tets, neighbors, radii, wedge, ratio = graph
+    state, after, _, home, choice, _, used = front
+    out = choice[u]
     v, tet, facet, apex = after[u], home[u, 0], home[u, 1], home[u, 2]
     own = radii[tet, facet]
     best = np.inf
@@ -150,11 +151,16 @@ def _partner(u: int, v: int, x: int, after: IntArray, before: IntArray, choice: 
 
 
 @jit
-def _use(a: int, b: int, c: int, used: IntArray, n: int) -> None:
-    """Enter the three edges of a triangle."""
+def _enter(
+    a: int, b: int, c: int, t: int, f: int, used: IntArray, n: int, faces: IntArray, where: IntArray, count: int
+) -> int:  # fmt: skip
+    """Write triangle (a, b, c), facet f of tet t, and its three edges; returns the new count of faces."""
     used[_slot(a, b, used, n)] = min(a, b) * n + max(a, b)
     used[_slot(b, c, used, n)] = min(b, c) * n + max(b, c)
     used[_slot(c, a, used, n)] = min(c, a) * n + max(c, a)
+    faces[count, 0], faces[count, 1], faces[count, 2] = a, b, c
+    where[count, 0], where[count, 1] = t, f
+    return count + 1
 
 
 @jit
@@ -229,9 +235,70 @@ def _glue_two(
 
 
 @jit
+def _plant(a: int, b: int, c: int, t: int, f: int, graph: Graph, front: Front, largest: float, queue: list[tuple[float, int, int, int]]) -> bool:
+    """The front round the seed (a, b, c), facet f of tet t. False, and nothing changed, where it does not go on smoothly over all its edges."""
+    state, after, before, home, stamp = front[0], front[1], front[2], front[3], front[5]
+    start = (c, b, a)  # the front runs against the seed
+    smooth = True
+    for k in range(3):
+        p, q, r = start[k], start[(k + 1) % 3], start[(k + 2) % 3]
+        after[p], before[q] = q, p
+        home[p, 0], home[p, 1], home[p, 2] = t, f, r
+        key = _candidate(graph, front, p, largest)
+        smooth = smooth and key < OUTSIDE_WEDGE
+        stamp[p] += 1
+        heapq.heappush(queue, (key, stamp[p], p, q))
+    for p in start:
+        state[p] = ON_FRONT if smooth else UNUSED
+        if not smooth:
+            after[p], before[p] = -1, -1
+    return smooth
+
+
+@jit
+def _grow(
+    queue: list[tuple[float, int, int, int]], graph: Graph, front: Front, largest: float, faces: IntArray, where: IntArray, count: int
+) -> int:  # fmt: skip
+    """Triangles glued on, best first, until no edge of the front has one left; returns the new count of faces."""
+    state, after, before, home, choice, stamp, used = front
+    fresh, other = np.zeros(3, np.int64), np.zeros(3, np.int64)
+    while len(queue) > 0:
+        key, mark, u, v = heapq.heappop(queue)
+        if stamp[u] != mark or after[u] != v:
+            continue
+        x, t, f = choice[u, 0], choice[u, 1], choice[u, 2]
+        if x < 0 or state[x] == INNER or not (_is_free(v, x, after, used) and _is_free(x, u, after, used)):
+            again = _candidate(graph, front, u, largest)
+            if again < np.inf:
+                heapq.heappush(queue, (again, mark, u, v))
+            continue
+        if state[x] == ON_FRONT and after[v] != x and after[x] != u:
+            partner = _partner(u, v, x, after, before, choice, used)
+            if partner == 0:
+                if key < STANDBY:
+                    heapq.heappush(queue, (STANDBY + key, mark, u, v))
+                continue
+            behind = before[x] if partner == 1 else x
+            g, h = choice[behind, 1], choice[behind, 2]
+            n_fresh = _glue_two(u, v, x, t, f, partner, other, g, h, state, after, before, home, fresh)
+            count = _enter(other[0], other[1], other[2], g, h, used, len(state), faces, where, count)
+        else:
+            n_fresh = _glue(u, v, x, t, f, state, after, before, home, fresh)
+        count = _enter(u, v, x, t, f, used, len(state), faces, where, count)
+        for k in range(n_fresh):
+            p = fresh[k]
+            stamp[p] += 1
+            key = _candidate(graph, front, p, largest)
+            if key < np.inf:
+                heapq.heappush(queue, (key, stamp[p], p, after[p]))
+    return count
+
+
+@jit
 def advance(
-    points: FloatArray, normals: FloatArray, tets: IntArray, neighbors: IntArray, radii: FloatArray, seeds: IntArray, n: int, wedge: float, ratio: float
-) -> tuple[IntArray, IntArray, IntArray]:
+    points: FloatArray, normals: FloatArray, tets: IntArray, neighbors: IntArray, radii: FloatArray, seeds: IntArray, n: int, wedge: float,
+    ratio: float,
+) -> tuple[IntArray, IntArray, IntArray]:  # fmt: skip
     """Triangles (k, 3) into the n points, coherently oriented; the (k, 2) tet and facet of each; (k,) the number of the seed it grew from.
 
     normals : (n, 3) outward, then a triangle must face the side its corners do; or (0, 3).   seeds : facets (4 tet + facet), smallest radius first.
@@ -239,11 +306,11 @@ def advance(
     size = 16
     while size < 8 * n:
         size *= 2
-    used = np.full(size, -1, np.int64)
+    graph = (points, normals, tets, neighbors, radii, wedge, ratio)
     state, after, before = np.zeros(n, np.int64), np.full(n, -1, np.int64), np.full(n, -1, np.int64)
-    home, choice, stamp = np.zeros((n, 3), np.int64), np.full((n, 3), -1, np.int64), np.zeros(n, np.int64)
+    home, choice = np.zeros((n, 3), np.int64), np.full((n, 3), -1, np.int64)
+    front = (state, after, before, home, choice, np.zeros(n, np.int64), np.full(size, -1, np.int64))
     faces, where, part = np.zeros((len(seeds), 3), np.int64), np.zeros((len(seeds), 2), np.int64), np.zeros(len(seeds), np.int64)
-    fresh, other, start = np.zeros(3, np.int64), np.zeros(3, np.int64), np.zeros(3, np.int64)
     count, n_parts = 0, 0
     largest = radii[seeds[-1] // 4, seeds[-1] % 4] if len(seeds) else 1.0
     for s in range(len(seeds)):
@@ -255,62 +322,13 @@ def advance(
             a, c = c, a
             if not _faces_its_side(points, normals, a, b, c):
                 continue
-        start[0], start[1], start[2] = c, b, a  # the front round the seed runs against it
         queue = [(0.0, 0, 0, 0)]
         queue.pop()
-        smooth = True
-        for k in range(3):
-            p, q, r = start[k], start[(k + 1) % 3], start[(k + 2) % 3]
-            after[p], before[q] = q, p
-            home[p, 0], home[p, 1], home[p, 2] = t, f, r
-            key = _candidate(points, normals, tets, neighbors, radii, state, after, used, p, home, wedge, ratio, largest, choice[p])
-            smooth = smooth and key < OUTSIDE_WEDGE
-            stamp[p] += 1
-            heapq.heappush(queue, (key, stamp[p], p, q))
-        for k in range(3):
-            state[start[k]] = ON_FRONT if smooth else UNUSED
-            if not smooth:
-                after[start[k]], before[start[k]] = -1, -1
-        if not smooth:  # a seed goes on smoothly over all its edges
+        if not _plant(a, b, c, t, f, graph, front, largest, queue):
             continue
-        _use(a, b, c, used, n)
-        faces[count, 0], faces[count, 1], faces[count, 2] = a, b, c
-        where[count, 0], where[count, 1], part[count] = t, f, n_parts
-        count += 1
-        while len(queue) > 0:
-            key, mark, u, v = heapq.heappop(queue)
-            if stamp[u] != mark or after[u] != v:
-                continue
-            x, t, f = choice[u, 0], choice[u, 1], choice[u, 2]
-            if state[x] == INNER or not (_is_free(v, x, after, used) and _is_free(x, u, after, used)):
-                again = _candidate(points, normals, tets, neighbors, radii, state, after, used, u, home, wedge, ratio, largest, choice[u])
-                if again < np.inf:
-                    heapq.heappush(queue, (again, mark, u, v))
-                continue
-            if state[x] == ON_FRONT and after[v] != x and after[x] != u:
-                partner = _partner(u, v, x, after, before, choice, used)
-                if partner == 0:
-                    if key < STANDBY:
-                        heapq.heappush(queue, (STANDBY + key, mark, u, v))
-                    continue
-                behind = before[x] if partner == 1 else x
-                g, h = choice[behind, 1], choice[behind, 2]
-                n_fresh = _glue_two(u, v, x, t, f, partner, other, g, h, state, after, before, home, fresh)
-                _use(other[0], other[1], other[2], used, n)
-                faces[count, 0], faces[count, 1], faces[count, 2] = other[0], other[1], other[2]
-                where[count, 0], where[count, 1], part[count] = g, h, n_parts
-                count += 1
-            else:
-                n_fresh = _glue(u, v, x, t, f, state, after, before, home, fresh)
-            _use(u, v, x, used, n)
-            faces[count, 0], faces[count, 1], faces[count, 2] = u, v, x
-            where[count, 0], where[count, 1], part[count] = t, f, n_parts
-            count += 1
-            for k in range(n_fresh):
-                p = fresh[k]
-                stamp[p] += 1
-                key = _candidate(points, normals, tets, neighbors, radii, state, after, used, p, home, wedge, ratio, largest, choice[p])
-                if key < np.inf:
-                    heapq.heappush(queue, (key, stamp[p], p, after[p]))
+        begin = count
+        count = _enter(a, b, c, t, f, front[6], n, faces, where, count)
+        count = _grow(queue, graph, front, largest, faces, where, count)
+        part[begin:count] = n_parts
         n_parts += 1
     return faces[:count].copy(), where[:count].copy(), part[:count].copy()

@@ -11,10 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from scan2fea.errors import ReconstructionError, require
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.primitives import Plane, fit_plane
+from scan2fea.reconstruction.regular import EXACT, WAYS_TRIED, near_ways, regular
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 NEIGHBORS = 16
@@ -26,11 +28,9 @@ FIRST_REACH, GROWTH = 3.0, 2.0  # spacings round the seed that the first plane i
 LEAST_POINTS = 12
 FAILURES = 200  # seeds in a row that give no plane: what is left is not flat
 SAME_DEG = 4.0
-EXACT = 1e-9  # m: less noise is none
-TURNED_HOLDS, WAYS_TRIED, ONE_WAY = 0.7, 4, 1.0 - 1e-6
-HARDLY = 1.05  # times the scatter
-TURN_DEG, UNLIKELY = 8.0, 13.8  # chi-square with two degrees of freedom exceeds 13.8 once in a thousand
+TURNED_HOLDS = 0.7
 WIDENINGS = 24
+INTERLEAVED = 0.5  # of the mixed neighbours that chance would make
 SETTLED = 12
 
 
@@ -117,7 +117,7 @@ def _turned(
 ) -> Plane:
     """The plane, or one along a direction that planes found before give, if that holds nearly as many points: a plane may tilt to catch others."""
     wanted = TURNED_HOLDS * _hanging_together(_own(points, normals, plane, off) & free, near, seed).sum()
-    for way in _ways([p.normal for p in planes], plane.normal)[:WAYS_TRIED]:
+    for way in near_ways(np.array([p.normal for p in planes]).reshape(-1, 3), plane.normal)[:WAYS_TRIED]:
         turned = Plane(normal=way, offset=float(np.median(points[near[seed]] @ way)))
         for _ in range(2):
             own = _hanging_together(_own(points, normals, turned, off) & free, near, seed)
@@ -129,19 +129,6 @@ def _turned(
             if own.sum() >= wanted:
                 return turned
     return plane
-
-
-def _ways(known: list[FloatArray], normal: FloatArray) -> list[FloatArray]:
-    """Directions that known normals give (theirs, and the lines in which two planes meet) near a normal, the nearest first, each once."""
-    lines = [np.cross(a, b) for i, a in enumerate(known) for b in known[i + 1 :]]
-    unit = [way / np.linalg.norm(way) for way in [*known, *lines] if np.linalg.norm(way) > 0.5]
-    turned = [way if way @ normal > 0 else -way for way in unit]
-    near = sorted((way for way in turned if way @ normal >= np.cos(np.radians(TURN_DEG))), key=lambda way: -float(way @ normal))
-    out: list[FloatArray] = []
-    for way in near:
-        if all(way @ other < ONE_WAY for other in out):
-            out.append(way)
-    return out
 
 
 def _hanging_together(own: BoolArray, near: IntArray, seed: int) -> BoolArray:
@@ -180,14 +167,15 @@ def robust_plane(points: FloatArray, towards: FloatArray) -> Plane:
 def settled(points: FloatArray, normals: FloatArray, planes: list[Plane], spacing_m: float, sigma_m: float) -> Planes:
     """The planes with every point given to the nearest one of its side, those that are one joined, and all fitted again."""
     off = tolerance_m(spacing_m, sigma_m)
+    before = np.zeros(0, np.int64)
     for _ in range(SETTLED):
         label = assigned(points, normals, planes, off)
         planes, label = _fitted(points, planes, label)
         planes = regular(points, planes, label, sigma_m)
         joined = _joined(points, planes, label, spacing_m, sigma_m)
-        if len(joined) == len(planes):
+        if len(joined) == len(planes) and np.array_equal(label, before):
             break
-        planes = joined
+        planes, before = joined, label
     count = np.bincount(label[label >= 0], minlength=len(planes))
     order = np.argsort(-count, kind="stable")
     rank = np.empty(len(planes) + 1, np.int64)
@@ -223,33 +211,11 @@ def _fitted(points: FloatArray, planes: list[Plane], label: IntArray) -> tuple[l
     return out, number[label]
 
 
-def regular(points: FloatArray, planes: list[Plane], label: IntArray, sigma_m: float) -> list[Plane]:
-    """Planes turned to directions that larger ones give (theirs, or the line in which two of them meet) wherever the noise does not speak against it:
-    by less than chi-square with two degrees of freedom has in one of a thousand draws, or by less than points of next faces near its edges do. A
-    small face knows its place well and its tilt badly.
-    """
-    size = np.bincount(label[label >= 0], minlength=len(planes))
-    out = list(planes)
-    known: list[FloatArray] = []
-    for k in np.argsort(-size, kind="stable").tolist():
-        own, plane = points[label == k], planes[k]
-        distance = np.abs(plane.distance(own))
-        own = own[distance <= max(3.5 * 1.4826 * float(np.median(distance)), 1e-15)] if len(own) else own
-        before = float(plane.distance(own).std()) if len(own) else 0.0
-        scatter = max(sigma_m, before)
-        for way in _ways(known, plane.normal)[:WAYS_TRIED]:
-            height = own @ way
-            rms = float(height.std())
-            if len(own) * (rms**2 - before**2) <= UNLIKELY * scatter**2 or (sigma_m > EXACT and rms <= HARDLY * scatter):
-                out[k] = Plane(normal=way, offset=float(height.mean()), rms_m=rms)
-                break
-        else:
-            known.append(plane.normal)
-    return out
-
-
 def _joined(points: FloatArray, planes: list[Plane], label: IntArray, spacing_m: float, sigma_m: float) -> list[Plane]:
-    """Planes of one direction whose points lie, on average, on the larger one: they are the same."""
+    """Planes of one direction whose points lie, on average, on the larger one, or among its own: they are the same.
+
+    Where two planes have settled within the noise of one face each holds the points of its side of it, and neither's mean is on the other.
+    """
     size = np.bincount(label[label >= 0], minlength=len(planes))
     order = np.argsort(-size, kind="stable").tolist()
     kept: list[int] = []
@@ -263,6 +229,18 @@ def _joined(points: FloatArray, planes: list[Plane], label: IntArray, spacing_m:
             mean = abs(float(distance.mean()))
             if mean <= 3.0 * scatter / np.sqrt(len(own)) + SPACINGS * spacing_m and distance.std() <= 1.2 * scatter + SPACINGS * spacing_m:
                 break
+            if mean <= 2.0 * tolerance_m(spacing_m, sigma_m) and _interleaved(own, points[label == j], planes[j]):
+                break
         else:
             kept.append(k)
     return [planes[k] for k in sorted(kept)]
+
+
+def _interleaved(one: FloatArray, other: FloatArray, plane: Plane) -> bool:
+    """Do the points of two sets lie among each other along the plane? Two faces that look the same way cannot lie over each other so near."""
+    across = np.concatenate([one, other]) @ plane.axes().T
+    is_other = np.arange(len(across)) >= len(one)
+    _, nearest = cKDTree(across).query(across, k=2)
+    mixed = float(np.mean(is_other[nearest[:, 1]] != is_other))
+    share = len(one) / len(across)
+    return mixed >= INTERLEAVED * 2.0 * share * (1.0 - share)

@@ -6,14 +6,15 @@ there then say how far out the rim lies: those of the two faces end at it, its o
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
-from scipy.special import ndtr
 
 from scan2fea.kernel.distances import PointToMesh
+from scan2fea.kernel.jit import jit
 from scan2fea.kernel.measures import face_areas, face_normals
 from scan2fea.kernel.primitives import Plane
 from scan2fea.reconstruction.plane_growing import LEAST_POINTS as LEAST_GROWN
@@ -240,13 +241,7 @@ def rim_offset(heights: FloatArray, start: float, spacing_m: float, sigma_m: flo
         return _densest(u, max(sigma_m, 1e-6 * spacing_m))
 
     def surprise(rim: float) -> float:
-        flat = ndtr((rim - u) / sigma_m) / max(rim - lowest, 1e-12 * spacing_m)
-        peak = np.exp(-0.5 * ((u - rim) / sigma_m) ** 2) / (np.sqrt(2.0 * np.pi) * sigma_m)
-        share = 0.3
-        for _ in range(MIX_ROUNDS):
-            of_peak = share * peak / np.maximum(share * peak + (1.0 - share) * flat, 1e-300)
-            share = float(np.clip(of_peak.mean(), 1e-3, 0.98))
-        return -float(np.log(np.maximum(share * peak + (1.0 - share) * flat, 1e-300)).sum())
+        return float(_surprise(u, rim, lowest, sigma_m, 1e-12 * spacing_m))
 
     reach = spacing_m + 2.0 * sigma_m
     grid = np.linspace(start - reach, start + reach, 41)
@@ -261,3 +256,23 @@ def _densest(values: FloatArray, width: float) -> float:
     count = np.searchsorted(ranked, ranked + 4.0 * width, side="right") - np.arange(len(ranked))
     first = int(np.argmax(count))
     return float(ranked[first : first + int(count[first])].mean())
+
+
+@jit
+def _surprise(u: FloatArray, rim: float, lowest: float, sigma: float, least: float) -> float:
+    """Minus the log likelihood of heights u under a rim, the share of those on it made most likely in a few rounds."""
+    flat, peak = np.empty(len(u)), np.empty(len(u))
+    for i in range(len(u)):
+        z = (rim - u[i]) / sigma
+        flat[i] = 0.5 * math.erfc(-z / math.sqrt(2.0)) / max(rim - lowest, least)
+        peak[i] = math.exp(-0.5 * z * z) / (math.sqrt(2.0 * math.pi) * sigma)
+    share = 0.3
+    for _ in range(MIX_ROUNDS):
+        total = 0.0
+        for i in range(len(u)):
+            total += share * peak[i] / max(share * peak[i] + (1.0 - share) * flat[i], 1e-300)
+        share = min(max(total / len(u), 1e-3), 0.98)
+    out = 0.0
+    for i in range(len(u)):
+        out -= math.log(max(share * peak[i] + (1.0 - share) * flat[i], 1e-300))
+    return out

@@ -240,7 +240,7 @@ def _interleaved(one: FloatArray, other: FloatArray, plane: Plane) -> bool:
     """Do the points of two sets lie among each other along the plane? Two faces that look the same way cannot lie over each other so near."""
     across = np.concatenate([one, other]) @ plane.axes().T
     is_other = np.arange(len(across)) >= len(one)
-    _, nearest = cKDTree(across).query(across, k=2)
-    mixed = float(np.mean(is_other[nearest[:, 1]] != is_other))
+    nearest = np.asarray(cKDTree(across).query(across, k=2)[1])[:, 1]
+    mixed = float(np.mean(is_other[nearest] != is_other))
     share = len(one) / len(across)
     return mixed >= INTERLEAVED * 2.0 * share * (1.0 - share)

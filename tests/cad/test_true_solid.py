@@ -7,12 +7,15 @@ import gmsh
 import numpy as np
 import pytest
 
-from predicates import rotation, torus
+from predicates import box, rotation, torus
 from scan2fea.cad import CadOptions, assembly, true_solid
-from scan2fea.cad.patches import segmented, unexplained, without_roundings
+from scan2fea.cad.patches import segmented
 from scan2fea.cad.readback import read_back
+from scan2fea.cad.resting import resting_planes
+from scan2fea.cad.roundings import smooth_share, unexplained, without_roundings
 from scan2fea.kernel.boundary import boundary_surface
 from scan2fea.kernel.measures import volume
+from scan2fea.simulation.freeform import blob
 from scan2fea.tetmeshing import fill
 from scan2fea.types import TriangleMesh
 
@@ -127,6 +130,63 @@ def test_free_form_is_told_and_given_back():
     found = true_solid(mesh, mesh.vertices, spacing_m=0.005, noise_m=0.0)
     assert found.brep is None
     assert "lies on no plane" in found.reason
+
+
+def test_pieces_of_a_free_form_are_not_cut_with_each_other(monkeypatch):
+    body = blob(0.2, 0.3, 3, 0.0004).mesh
+
+    def never(*_):
+        raise AssertionError("the cells of pieces that pass smoothly into each other take minutes")
+
+    monkeypatch.setattr("scan2fea.cad.solid.cell_solid", never)
+    found = true_solid(body, body.vertices, spacing_m=0.004, noise_m=0.001)
+    assert found.brep is None
+    assert "a free form" in found.reason
+
+
+def test_borders_are_smooth_where_surfaces_touch_and_sharp_where_they_meet():
+    sharp = meshed("plate")
+    assert smooth_share(sharp, segmented(sharp, 1e-6)) == 0
+    body = blob(0.2, 0.3, 3, 0.0004).mesh
+    assert smooth_share(body, segmented(body, 0.003)) > 0.9
+
+
+def a_leg(edge=0.012):
+    """(surface of a square leg whose edges and lower end a coarse scan has rounded, points measured on its sides and top, points where it stands)."""
+    grid = box((0.06, 0.06, 0.4), edge)
+    v = grid.vertices - [0.03, 0.03, 0.0]
+    off = np.hypot(v[:, 0], v[:, 1])
+    v[:, :2] *= np.where(off > 0.04, 0.935, 1.0)[:, None]  # the edges
+    low = (v[:, 2] < 1e-9) & (off > 0.015)
+    v[low, 2] += 0.08 * (off[low] - 0.015)  # the end
+    rng = np.random.default_rng(0)
+    n = 1500
+    u, z = rng.uniform(-0.03, 0.03, n), rng.uniform(0.0, 0.4, n)
+    walls = np.concatenate([np.stack(p, axis=1) for p in ((u, np.full(n, 0.03), z), (u, np.full(n, -0.03), z),
+                                                          (np.full(n, 0.03), u, z), (np.full(n, -0.03), u, z))])  # fmt: skip
+    top = np.stack([u, rng.permutation(u), np.full(n, 0.4)], axis=1)
+    seen = np.concatenate([walls, top]) + rng.normal(0, 0.0003, (5 * n, 3))
+    stands = np.stack([*rng.uniform(-0.03, 0.03, (2, 30)), np.zeros(30)], axis=1)
+    return TriangleMesh(vertices=v, faces=grid.faces), seen, (stands, np.tile([0.0, 0.0, -1.0], (30, 1)))
+
+
+def test_a_narrow_leg_keeps_its_flat_sides_and_the_end_it_stands_on():
+    mesh, seen, stands = a_leg()
+    found = true_solid(mesh, seen, spacing_m=0.012, noise_m=0.0003, resting=stands)
+    assert found.reason == ""
+    assert found.brep.face_kinds == ("plane",) * 6
+    assert found.brep.volume_m3 == pytest.approx(0.06 * 0.06 * 0.4, rel=3e-3)
+
+
+def test_points_on_two_supports_are_two_planes():
+    rng = np.random.default_rng(0)
+    floor = np.c_[rng.uniform(0, 1, (30, 2)), np.zeros(30)]
+    wall = np.c_[np.ones(20), rng.uniform(0, 1, (20, 2))]
+    few = np.c_[rng.uniform(0, 1, (5, 2)), np.full(5, 0.4)]
+    normals = np.concatenate([np.tile(n, (k, 1)) for n, k in (((0, 0, -1.0), 30), ((1.0, 0, 0), 20), ((0, 0, -1.0), 5))])
+    found = resting_planes(np.concatenate([floor, wall, few]), normals, 0.001)
+    assert [len(r.points) for r in found] == [30, 20]
+    np.testing.assert_allclose([r.surface.axis for r in found], [(0, 0, -1), (1, 0, 0)])
 
 
 def test_it_can_be_switched_off():

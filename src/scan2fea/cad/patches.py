@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from scan2fea.kernel.measures import extent, face_areas, face_normals
+from scan2fea.kernel.measures import face_areas, face_normals
+from scan2fea.kernel.surface_fit import flood
 from scan2fea.kernel.surfaces import CONE, CYLINDER, PLANE, SPHERE, Surface, fit_surface, fitted
 from scan2fea.kernel.topology import edge_table, face_components
 from scan2fea.types import BoolArray, IntArray, TriangleMesh, Value
@@ -18,7 +20,6 @@ FLAT_RAD = 0.15  # normals that turn by less over a whole region are those of a 
 SIMPLER = 0.93  # a simpler kind wins with this share of the area of the largest
 KINDS = (PLANE, CYLINDER, SPHERE, CONE)
 MAX_FAILURES = 60  # seeds in a row without a surface: what is left is free form
-MEETS = 0.94  # cosine of normals: surfaces nearer to parallel do not meet in a crease
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -34,6 +35,7 @@ class Near:
 
     def __init__(self, mesh: TriangleMesh, rounds: int = 2) -> None:
         self.mesh = mesh
+        self.plain = np.array(mesh.vertices, float), np.array(mesh.faces, np.int64)  # as the kernels want them
         self.table = edge_table(mesh.faces)
         self.of = self.table.twin.reshape(-1, 3) // 3
         self.areas = face_areas(mesh)
@@ -54,6 +56,14 @@ class Near:
         near = np.unique(self.of[front])
         return np.asarray(near[~inside[near]])
 
+    def flood(self, inside: BoolArray, surface: Surface, tolerance: float, free: BoolArray, most: int) -> bool:
+        """Spread `inside` over free neighbours that lie on the surface, until they are more than `most`; was there more to come?"""
+        code, packed = surface.packed()
+        mesh = self.plain
+        return flood(
+            code, packed, float(surface.sense), tolerance, GROW_COSINE, *mesh, self.of, self.centres, self.smooth, free, inside, most
+        )  # fmt: skip
+
     def around(self, seed: int, free: BoolArray, waves: int = SEED_WAVES) -> IntArray:
         """The free faces within some rings of a seed that turn gradually."""
         inside = np.zeros(len(self.areas), bool)
@@ -66,10 +76,17 @@ class Near:
         return np.flatnonzero(inside)
 
 
-def segmented(mesh: TriangleMesh, tolerance_m: float) -> Patches:
-    """The surfaces of a closed manifold mesh whose vertices lie within `tolerance_m` of them. Planes of `mesh.face_region` are believed."""
+def segmented(mesh: TriangleMesh, tolerance_m: float, known: Sequence[Surface] = ()) -> Patches:
+    """The surfaces of a closed manifold mesh whose vertices lie within `tolerance_m` of them. Planes of `mesh.face_region` are believed.
+
+    known : surfaces that are taken before any other, wherever faces lie on them.
+    """
     near = Near(mesh)
     label, surfaces = _given(mesh, near)
+    for surface in known:
+        free = np.flatnonzero(label < 0)
+        label[free[_fits(near, free, surface, tolerance_m)]] = len(surfaces)
+        surfaces.append(surface)
     turn = 1 - np.einsum("fc,fkc->fk", near.smooth, near.smooth[near.of]).min(1)
     tried = np.zeros(len(mesh.faces), bool)
     failures = 0
@@ -149,15 +166,9 @@ def _grown(near: Near, start: IntArray, free: BoolArray, kind: str, tolerance: f
             return None
         inside = np.zeros(len(near.areas), bool)
         inside[kept] = True
-        front, count = kept, len(kept)
-        while len(front) and count <= 2 * max(size, len(start)):
-            front = near.ring(inside, front)
-            front = front[free[front]]
-            front = front[_fits(near, front, surface, tolerance)]
-            inside[front] = True
-            count += len(front)
+        more = near.flood(inside, surface, tolerance, free, 2 * max(size, len(start)))
         rows = np.flatnonzero(inside)
-        if len(rows) <= 1.01 * size and not len(front):
+        if len(rows) <= 1.01 * size and not more:
             break
         size = max(size, len(rows))
         # few faces round a seed hardly bend: the first guess is made again while the region is small
@@ -228,72 +239,3 @@ def _join(near: Near, label: IntArray, surfaces: list[Surface], tolerance: float
             break
         if done:
             return
-
-
-def without_roundings(mesh: TriangleMesh, patches: Patches, reach_m: float) -> Patches:
-    """Patches along creases, where the surface is rounded by the noise, given up: the smallest first, where every corner lies within reach of two
-    surfaces next to it that meet at an angle there. The wall of a hole in a thin plate is near two surfaces too, but these do not meet.
-    """
-    near, label = Near(mesh, 0), patches.label.copy()
-    area = np.bincount(label[label >= 0], weights=near.areas[label >= 0], minlength=len(patches.surfaces))
-    for number in np.argsort(area, kind="stable").tolist():
-        rows = np.flatnonzero(label == number)
-        if not len(rows) or area[number] > 0.02 * near.areas.sum():
-            continue
-        if _is_rounding(near, patches.surfaces, rows, _beside(near, label, rows), reach_m):
-            label[rows] = -1
-    kept = np.unique(label[label >= 0])
-    packed = np.full(len(patches.surfaces) + 1, -1, np.int64)
-    packed[kept] = np.arange(len(kept))
-    return Patches(label=packed[label], surfaces=tuple(patches.surfaces[k] for k in kept))
-
-
-def _beside(near: Near, label: IntArray, rows: IntArray) -> list[int]:
-    """The surfaces next to some faces, or across free form from them."""
-    inside = np.zeros(len(label), bool)
-    inside[rows] = True
-    front, names = rows, set()  # type: tuple[IntArray, set[int]]
-    while len(front):
-        front = near.ring(inside, front)
-        names.update(label[front][label[front] >= 0].tolist())
-        front = front[label[front] < 0]
-        inside[front] = True
-    return sorted(names)
-
-
-def _is_rounding(near: Near, surfaces: tuple[Surface, ...], rows: IntArray, names: list[int], reach: float) -> bool:
-    if len(names) < 2:
-        return False
-    corners = near.mesh.vertices[np.unique(near.mesh.faces[rows])]
-    close = np.array([np.abs(surfaces[k].distance(corners)) <= reach for k in names])
-    normal = np.stack([surfaces[k].normals(corners) for k in names])
-    meets = np.zeros(len(corners), bool)
-    for i in range(len(names)):
-        for j in range(i):
-            angled = np.abs(np.einsum("vc,vc->v", normal[i], normal[j])) < MEETS
-            meets |= close[i] & close[j] & angled
-    return bool(meets.all())
-
-
-def free_share(mesh: TriangleMesh, patches: Patches) -> float:
-    """Share of the area that lies on no surface."""
-    areas = face_areas(mesh)
-    return float(areas[patches.label < 0].sum() / areas.sum())
-
-
-def unexplained(mesh: TriangleMesh, patches: Patches, reach_m: float) -> float:
-    """Share of the area whose faces reach farther than `reach_m` from every surface next to their free-form part: not the rounding of a crease."""
-    free = np.flatnonzero(patches.label < 0)
-    if not len(free):
-        return 0.0
-    areas, near = face_areas(mesh), Near(mesh, 0)
-    n, part = face_components(mesh.faces[free])
-    lost = 0.0
-    for number in range(n):
-        rows = free[part == number]
-        names = np.unique(patches.label[near.of[rows]])
-        names = names[names >= 0]
-        corners = mesh.vertices[mesh.faces[rows]].reshape(-1, 3)
-        off = np.min([np.abs(patches.surfaces[k].distance(corners)) for k in names], axis=0) if len(names) else np.full(len(corners), extent(corners))
-        lost += float(areas[rows[off.reshape(-1, 3).max(1) > reach_m]].sum())
-    return lost / float(areas.sum())

@@ -12,11 +12,13 @@ from scan2fea.cad.brep import OCC_RESOLUTION_M, CadOptions
 from scan2fea.cad.cells import cell_solid
 from scan2fea.cad.live import is_valid, joined_triangles, moved_by, parts, surface_of, tessellated, volume_of
 from scan2fea.cad.naming import named_faces
-from scan2fea.cad.patches import Patches, segmented, unexplained, without_roundings
+from scan2fea.cad.patches import Patches, segmented
 from scan2fea.cad.readback import ReadBack, read_back
+from scan2fea.cad.resting import LEAST_POINTS, Resting, nearest_points, resting_planes
 from scan2fea.cad.revolved import turned_solid
+from scan2fea.cad.roundings import smooth_share, unexplained, widened, without_roundings
 from scan2fea.cad.step_occ import named, step_of_solid
-from scan2fea.cad.surfaces import Fit, Snap, fit_to_points, snapped
+from scan2fea.cad.surfaces import Fit, Snap, simplest, snapped
 from scan2fea.errors import CadError
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import extent
@@ -30,6 +32,7 @@ from scan2fea.units import MILLIMETRES_PER_METRE
 MAX_SURFACES = 120  # cells are cut by every surface with every other: more take minutes
 TOLERANCES = (1.0, 2.0)  # times the noise of the vertices for which the segmentation is tried
 MARGINS = (1.0, 3.0, 8.0)  # times the reach by which faces are drawn beyond their region
+SMOOTH = 0.5  # share of the borders of patches without an angle: more is free form in pieces (0 to 0.3 on bodies of few faces, 0.83 on a blob)
 UNEXPLAINED = 0.004  # share of the area that may lie on no surface: more is free form
 FIT_POINTS = 60_000
 VOLUME_OFF = 0.03  # of the volume of the surface: reconstructions of thin walls are a little too thick or thin
@@ -71,27 +74,39 @@ class _Scale:
 
 
 def true_solid(
-    mesh: TriangleMesh, points: FloatArray, options: CadOptions = CadOptions(), *, spacing_m: float, noise_m: float
+    mesh: TriangleMesh,
+    points: FloatArray,
+    options: CadOptions = CadOptions(),
+    *,
+    spacing_m: float,
+    noise_m: float,
+    resting: tuple[FloatArray, FloatArray] | None = None,
 ) -> Trued:
     """The solid of true faces of a closed surface.
 
     points : (n, 3) measured, which the faces are fitted to.   spacing_m : of these.   noise_m : left in the vertices of `mesh`.
+    resting : (k, 3) points inferred where the object stands on something, and their normals (k, 3) out of it.
     Nothing is raised where there is none: `reason` says why.
     """
     scale = _Scale(spacing_m=spacing_m, noise_m=noise_m, size_m=extent(mesh.vertices))
     if not options.true_faces:
         return _none("cad.true_faces is off")
     reason = ""
+    stands = [] if resting is None else resting_planes(*resting, scale.tolerance_m)
+    known = [r.surface for r in stands]
     for factor in TOLERANCES:
-        patches = without_roundings(mesh, segmented(mesh, factor * scale.tolerance_m), factor * scale.reach_m)
+        patches = without_roundings(mesh, segmented(mesh, factor * scale.tolerance_m, known), factor * scale.reach_m, known)
         lost = unexplained(mesh, patches, factor * scale.reach_m)
         said = _refused(patches, lost)
         if said:
             reason = reason or said
             continue
-        found = _built(mesh, points, patches, scale, options)
+        smooth = smooth_share(mesh, patches)
+        found = _built(mesh, points, patches, scale, stands, may_cut=smooth <= SMOOTH)
         if found.brep is not None:
             return found
+        if smooth > SMOOTH:  # with twice the tolerance the pieces are larger, and no sharper
+            return _none(f"{found.reason}{len(patches.surfaces)} pieces of surfaces that pass smoothly into each other: a free form")
         reason = found.reason
     return _none(reason)
 
@@ -108,12 +123,12 @@ def _refused(patches: Patches, lost: float) -> str:
     return ""
 
 
-def _built(mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: _Scale, options: CadOptions) -> Trued:
+def _built(mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: _Scale, stands: Sequence[Resting], *, may_cut: bool) -> Trued:
     """Fit, snap, cut, check; the first margin that passes."""
-    fits, snaps = _fits(mesh, points, patches, scale)
+    fits, snaps = _fits(mesh, points, patches, scale, stands)
     middle = (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2
     local = TriangleMesh(vertices=(mesh.vertices - middle) * MILLIMETRES_PER_METRE, faces=mesh.faces)
-    regions = [local.vertices[np.unique(mesh.faces[patches.label == k])] for k in range(len(patches.surfaces))]
+    regions = [local.vertices[rows] for rows in widened(mesh, patches, patches.surfaces if fits is None else fits, scale.reach_m)]
     best = [_in_mm(s, middle) for s in (patches.surfaces if fits is None else fits)]
     mm = MILLIMETRES_PER_METRE
     reason = ""
@@ -126,6 +141,8 @@ def _built(mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: _Sca
             if not reason:
                 return _result(turned, middle, scale, ())
         reason = f"turned about an axis: {reason}; "
+    if not may_cut:
+        return _none(reason)
     if len(best) > MAX_SURFACES:
         return _none(f"{reason}{len(best)} surfaces, more than {MAX_SURFACES}")
     first = ""
@@ -140,7 +157,9 @@ def _built(mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: _Sca
     return _none(reason + first)
 
 
-def _fits(mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: _Scale) -> tuple[list[Surface] | None, tuple[Snap, ...]]:
+def _fits(
+    mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: _Scale, stands: Sequence[Resting] = ()
+) -> tuple[list[Surface] | None, tuple[Snap, ...]]:
     """The surfaces fitted to the measured points of their regions, away from borders, with relations applied; None where one cannot be."""
     used = points[sampled_rows(len(points), FIT_POINTS, 0)]
     inner = _inner(mesh, patches.label)
@@ -153,9 +172,10 @@ def _fits(mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: _Scal
         rows = np.flatnonzero((label == k) & deep)
         if len(rows) < 30:
             rows = np.flatnonzero(label == k)
-        if len(rows) < 12:
+        own = used[rows] if len(rows) >= LEAST_POINTS else nearest_points(stands, surface, scale.reach_m)
+        if len(own) < LEAST_POINTS:
             return None, ()
-        fit = fit_to_points(surface, used[rows], scale.size_m)
+        fit = simplest(surface, own, scale.size_m)
         if fit is None:
             return None, ()
         fits.append(fit)

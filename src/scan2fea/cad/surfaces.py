@@ -71,6 +71,25 @@ def fit_to_points(start: Surface, points: FloatArray, size_m: float) -> Fit | No
     return Fit(surface=surface, points=used, sigma_m=sigma, covariance=covariance(surface, used, sigma))
 
 
+def simplest(start: Surface, points: FloatArray, size_m: float) -> Fit | None:
+    """`fit_to_points`, or the plane through the points where these do not refuse it: the noise it leaves is within three standard deviations of a
+    variance of what the rounder surface leaves (an edge rounded by the reconstruction bends a narrow face; the points on it do not bend).
+    """
+    found = fit_to_points(start, points, size_m)
+    if start.kind == PLANE:
+        return found
+    normal = start.normals(points).mean(0)
+    length = float(np.linalg.norm(normal))
+    if length < 0.5:
+        return found  # turns by more than any plane
+    plane = fit_to_points(Surface(kind=PLANE, point=points.mean(0), axis=normal / length), points, size_m)
+    if plane is None or len(plane.points) < 0.9 * (len(points) if found is None else len(found.points)):
+        return found
+    if found is None:  # the points bend so little that no radius comes out
+        return plane
+    return plane if plane.sigma_m**2 <= found.sigma_m**2 * (1 + 3 * np.sqrt(2 / len(found.points))) else found
+
+
 def snapped(fits: Sequence[Fit]) -> tuple[list[Fit], list[Snap]]:
     """The fits with all relations applied that the data do not refuse, and every relation that was tested."""
     out, snaps = list(fits), []  # type: tuple[list[Fit], list[Snap]]

@@ -6,11 +6,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scan2fea.kernel import surface_fit
+from scan2fea.kernel.surface_fit import descend, frame
 from scan2fea.types import BoolArray, FloatArray, Value
 
 PLANE, CYLINDER, CONE, SPHERE, TORUS = "plane", "cylinder", "cone", "sphere", "torus"
 SIZES = {PLANE: 0, CYLINDER: 1, CONE: 2, SPHERE: 1, TORUS: 2}  # dimensions of each kind
 FREEDOMS = {PLANE: 3, CYLINDER: 5, CONE: 6, SPHERE: 4, TORUS: 7}
+_CODES = {
+    PLANE: surface_fit.PLANE, CYLINDER: surface_fit.CYLINDER, CONE: surface_fit.CONE, SPHERE: surface_fit.SPHERE, TORUS: surface_fit.TORUS,
+}  # fmt: skip
 ROUNDS = 30
 SMALL = 1e-12
 
@@ -56,11 +61,13 @@ class Surface(Value):
         """(n, 3) the foot of each point."""
         return np.asarray(points - self.distance(points)[:, None] * self.normals(points))
 
+    def packed(self) -> tuple[int, FloatArray]:
+        """(code of the kind, (8,) point, axis, radius, second) for the kernels of `surface_fit`."""
+        return _CODES[self.kind], np.array([*self.point, *self.axis, self.radius, self.second], float)
+
     def frame(self) -> FloatArray:
         """(2, 3) unit vectors across the axis; with it they are right-handed."""
-        first = np.cross(self.axis, np.eye(3)[np.abs(self.axis).argmin()])
-        first /= np.linalg.norm(first)
-        return np.stack([first, np.cross(self.axis, first)])
+        return frame(np.array(self.axis, float))
 
 
 def _cylindric(surface: Surface, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -137,25 +144,10 @@ def fitted(start: Surface, points: FloatArray, weights: FloatArray | None = None
     w = np.ones(len(points)) if weights is None else weights
     may = np.ones(FREEDOMS[start.kind], bool) if free is None else free
     size = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
-    here, damping = replace(start, point=_near(start, points)), 1e-6
-    cost = float(w @ _distance(here, points) ** 2)
-    for _ in range(ROUNDS):
-        J, d = slopes(here, points)[:, may], _distance(here, points)
-        A, b = (J * w[:, None]).T @ J, -(J * w[:, None]).T @ d
-        scale = np.maximum(np.diag(A), 1e-300)
-        step = np.zeros(len(may))
-        step[may] = np.linalg.solve(A + np.diag((damping + 1e-12) * scale), b)
-        trial = moved(here, step)
-        new = float(w @ _distance(trial, points) ** 2)
-        if not np.isfinite(new) or new > cost:
-            damping = max(10 * damping, 1e-4)
-            if damping > 1e6:
-                break
-            continue
-        done = cost - new <= 1e-12 * cost + 1e-32 * w.sum() * size**2
-        here, cost, damping = trial, new, damping / 10
-        if done:
-            break
+    code, first = replace(start, point=_near(start, points)).packed()
+    x = np.array(points, float, order="C")  # kernels are compiled once, for arrays that may be written to
+    found, cost = descend(code, first, x, np.array(w, float), np.array(may), size, ROUNDS)
+    here = replace(start, point=found[:3], axis=found[3:6], radius=float(found[6]), second=float(found[7]))
     if not _is_sane(here, size):
         return None
     return replace(here, rms_m=float(np.sqrt(cost / max(w.sum(), 1e-300))))

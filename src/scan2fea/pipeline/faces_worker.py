@@ -18,13 +18,22 @@ from scan2fea.io.artifacts import load, save
 from scan2fea.types import FloatArray, TriangleMesh
 
 
-def true_solid_in_child(mesh: TriangleMesh, points: FloatArray, options: CadOptions, *, spacing_m: float, noise_m: float) -> Trued:
+def true_solid_in_child(
+    mesh: TriangleMesh,
+    points: FloatArray,
+    options: CadOptions,
+    *,
+    spacing_m: float,
+    noise_m: float,
+    resting: tuple[FloatArray, FloatArray] | None = None,
+) -> Trued:
     """`true_solid` within `options.time_limit_s` of wall clock; where it is stopped or dies the reason says so."""
     if not options.true_faces:
-        return true_solid(mesh, points, options, spacing_m=spacing_m, noise_m=noise_m)
+        return true_solid(mesh, points, options, spacing_m=spacing_m, noise_m=noise_m, resting=resting)
     with tempfile.TemporaryDirectory() as folder:
         job, result = Path(folder) / "job.npz", Path(folder) / "result.npz"
-        save({"mesh": mesh, "points": points, "options": options, "scale": {"spacing_m": spacing_m, "noise_m": noise_m}}, job)
+        more = {"spacing_m": spacing_m, "noise_m": noise_m, "resting": resting}
+        save({"mesh": mesh, "points": points, "options": options, "more": more}, job)
         command = [sys.executable, "-m", "scan2fea.pipeline.faces_worker", str(job), str(result)]
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
         try:
@@ -44,7 +53,7 @@ def main(job: Path, result: Path) -> None:
     """Do the job and save its result."""
     threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     task = load(job)
-    save(true_solid(task["mesh"], task["points"], task["options"], **task["scale"]), result)
+    save(true_solid(task["mesh"], task["points"], task["options"], **task["more"]), result)
 
 
 def _end_with_parent(parent: int) -> None:

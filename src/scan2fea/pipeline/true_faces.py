@@ -53,9 +53,12 @@ def build_true(
 def _true_solid(mesh: TriangleMesh, part: Part, options: CadOptions, *, spacing_m: float, noise_m: float) -> Trued:
     cloud = part.scan.cloud
     points = cloud.points if part.mesh is None else mesh.vertices
+    resting = None
     if part.mesh is None and cloud.is_inferred is not None:
         points = points[~cloud.is_inferred]
-    return true_solid_in_child(mesh, points, options, spacing_m=spacing_m, noise_m=noise_m)
+        if cloud.normals is not None:
+            resting = cloud.points[cloud.is_inferred], cloud.normals[cloud.is_inferred]
+    return true_solid_in_child(mesh, points, options, spacing_m=spacing_m, noise_m=noise_m, resting=resting)
 
 
 def _fill(found: Trued, options: FillOptions) -> Filled:

@@ -1,0 +1,136 @@
+"""What the patches of a surface are worth: roundings of creases given up, free form told, and how far each surface may be drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from scan2fea.cad.patches import Near, Patches
+from scan2fea.kernel.measures import extent, face_areas
+from scan2fea.kernel.surfaces import PLANE, Surface
+from scan2fea.kernel.topology import edge_table, face_components
+from scan2fea.types import FloatArray, IntArray, TriangleMesh
+
+ALIKE = float(np.cos(np.radians(2.0)))  # planes turned by less are one where they lie together
+MEETS = 0.94  # cosine of normals: surfaces nearer to parallel do not meet in a crease
+BETWEEN = float(np.sin(np.radians(30.0)))  # farther out of the cone of its neighbours' normals a patch is no rounding between them
+SMALL_TURN = 0.1  # of its area: the sum of the normals of a patch that goes all the way round
+
+
+def without_roundings(mesh: TriangleMesh, patches: Patches, reach_m: float, known: Sequence[Surface] = ()) -> Patches:
+    """Patches along creases, where the surface is rounded by the noise, given up: the smallest first, where every corner lies within reach of two
+    surfaces next to it that meet at an angle there. The wall of a hole in a thin plate is near two surfaces too, but these do not meet.
+    Those on `known` planes stay.
+    """
+    near, label = Near(mesh, 0), patches.label.copy()
+    area = np.bincount(label[label >= 0], weights=near.areas[label >= 0], minlength=len(patches.surfaces))
+    for number in np.argsort(area, kind="stable").tolist():
+        rows = np.flatnonzero(label == number)
+        if not len(rows) or area[number] > 0.02 * near.areas.sum() or any(_same_plane(patches.surfaces[number], k, reach_m) for k in known):
+            continue
+        if _is_rounding(near, patches.surfaces, rows, _beside(near, label, rows), reach_m):
+            label[rows] = -1
+    kept = np.unique(label[label >= 0])
+    packed = np.full(len(patches.surfaces) + 1, -1, np.int64)
+    packed[kept] = np.arange(len(kept))
+    return Patches(label=packed[label], surfaces=tuple(patches.surfaces[k] for k in kept))
+
+
+def _same_plane(surface: Surface, known: Surface, reach: float) -> bool:
+    turned = float(surface.axis @ known.axis) > ALIKE
+    return surface.kind == known.kind == PLANE and turned and abs(float(known.distance(surface.point[None])[0])) <= reach
+
+
+def _beside(near: Near, label: IntArray, rows: IntArray) -> list[int]:
+    """The surfaces next to some faces, or across free form from them."""
+    inside = np.zeros(len(label), bool)
+    inside[rows] = True
+    front, names = rows, set()  # type: tuple[IntArray, set[int]]
+    while len(front):
+        front = near.ring(inside, front)
+        names.update(label[front][label[front] >= 0].tolist())
+        front = front[label[front] < 0]
+        inside[front] = True
+    return sorted(names)
+
+
+def _is_rounding(near: Near, surfaces: tuple[Surface, ...], rows: IntArray, names: list[int], reach: float) -> bool:
+    if len(names) < 2:
+        return False
+    corners = near.mesh.vertices[np.unique(near.mesh.faces[rows])]
+    close = np.array([np.abs(surfaces[k].distance(corners)) <= reach for k in names])
+    normal = np.stack([surfaces[k].normals(corners) for k in names])
+    meets = np.zeros(len(corners), bool)
+    for i in range(len(names)):
+        for j in range(i):
+            angled = np.abs(np.einsum("vc,vc->v", normal[i], normal[j])) < MEETS
+            meets |= close[i] & close[j] & angled
+    return bool(meets.all()) and _is_between(near, rows, normal)
+
+
+def _is_between(near: Near, rows: IntArray, beside: FloatArray) -> bool:
+    """Does the patch look between the surfaces beside it ((k, v, 3) their normals there)? A rounding does; the small end of a leg does not."""
+    from scipy.optimize import nnls
+
+    own = near.areas[rows] @ near.normals[rows]
+    length = float(np.linalg.norm(own))
+    if length < SMALL_TURN * near.areas[rows].sum():
+        return True  # looks all ways
+    return bool(nnls(beside.mean(1).T, own / length)[1] < BETWEEN)
+
+
+def smooth_share(mesh: TriangleMesh, patches: Patches) -> float:
+    """Share of the length of all borders of patches along which two of them lie side by side and hardly meet at an angle: they cannot be cut with
+    each other. Pieces of free form lie like this, and nowhere else do many.
+    """
+    table = edge_table(mesh.faces)
+    own, other = np.repeat(patches.label, 3), patches.label[table.twin // 3]
+    tail, head = mesh.vertices[mesh.faces.ravel()], mesh.vertices[np.roll(mesh.faces, -1, axis=1).ravel()]
+    length = np.linalg.norm(head - tail, axis=1)
+    open_length = float(length[(own >= 0) & (other < 0)].sum()) / 2  # the other side of the free form is a border again
+    half = np.flatnonzero((own >= 0) & (other > own))
+    turn = np.ones(len(half))
+    pair = own[half] * len(patches.surfaces) + other[half]
+    for code in np.unique(pair).tolist():
+        rows = np.flatnonzero(pair == code)
+        middle = (tail[half[rows]] + head[half[rows]]) / 2
+        first, second = (patches.surfaces[k].normals(middle) for k in divmod(code, len(patches.surfaces)))
+        turn[rows] = np.einsum("ij,ij->i", first, second)
+    total = float(length[half].sum()) + open_length
+    return float(length[half][turn > MEETS].sum()) / total if total else 0.0
+
+
+def widened(mesh: TriangleMesh, patches: Patches, surfaces: Sequence[Surface], reach_m: float) -> list[IntArray]:
+    """Of each surface the vertices of its patch and of the free form next to it that looks its way within `reach_m`: as far as it may be drawn."""
+    near = Near(mesh)
+    out = []
+    for number, surface in enumerate(surfaces):
+        inside = patches.label == number
+        near.flood(inside, surface, reach_m, patches.label < 0, len(inside))
+        out.append(np.unique(mesh.faces[inside]))
+    return out
+
+
+def free_share(mesh: TriangleMesh, patches: Patches) -> float:
+    """Share of the area that lies on no surface."""
+    areas = face_areas(mesh)
+    return float(areas[patches.label < 0].sum() / areas.sum())
+
+
+def unexplained(mesh: TriangleMesh, patches: Patches, reach_m: float) -> float:
+    """Share of the area whose faces reach farther than `reach_m` from every surface next to their free-form part: not the rounding of a crease."""
+    free = np.flatnonzero(patches.label < 0)
+    if not len(free):
+        return 0.0
+    areas, near = face_areas(mesh), Near(mesh, 0)
+    n, part = face_components(mesh.faces[free])
+    lost = 0.0
+    for number in range(n):
+        rows = free[part == number]
+        names = np.unique(patches.label[near.of[rows]])
+        names = names[names >= 0]
+        corners = mesh.vertices[mesh.faces[rows]].reshape(-1, 3)
+        off = np.min([np.abs(patches.surfaces[k].distance(corners)) for k in names], axis=0) if len(names) else np.full(len(corners), extent(corners))
+        lost += float(areas[rows[off.reshape(-1, 3).max(1) > reach_m]].sum())
+    return lost / float(areas.sum())

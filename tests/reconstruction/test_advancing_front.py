@@ -10,7 +10,7 @@ from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction import ReconstructionOptions, reconstruct
 from scan2fea.reconstruction.advancing_front import front
 from scan2fea.reconstruction.closing import closed
-from scan2fea.reconstruction.front_kernels import facet_radii
+from scan2fea.reconstruction.front_candidates import facet_radii
 from scan2fea.types import TriangleMesh
 from scanned import scanned
 

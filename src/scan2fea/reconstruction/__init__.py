@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from scan2fea.errors import UsageError, require
 from scan2fea.options import option
 from scan2fea.reconstruction.advancing_front import FrontOptions, advancing_front
+from scan2fea.reconstruction.ball_pivoting import PivotOptions, ball_pivoting
 from scan2fea.reconstruction.planar import planar, served
 from scan2fea.reconstruction.scale_space import ScaleSpaceOptions, scale_space
 from scan2fea.reconstruction.thin import thinned
@@ -19,11 +20,12 @@ METHODS: Mapping[str, Callable[[Scan, VisibilityOptions], Reconstruction]] = {
     "planar": planar,
     "advancing_front": advancing_front,
     "scale_space": scale_space,
+    "ball_pivoting": ball_pivoting,
 }
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReconstructionOptions(ScaleSpaceOptions, FrontOptions):
+class ReconstructionOptions(ScaleSpaceOptions, FrontOptions, PivotOptions):
     method: str = option("visibility", "how the surface is found", choices=tuple(METHODS))
     flat: bool = option(True, "visibility: faces exactly flat and creases exactly sharp where planes explain all points")
     max_points: int = option(150_000, "a denser scan of one object is thinned to this many of its points; checks still use all", minimum=100)
@@ -43,6 +45,7 @@ __all__ = [
     "ReconstructionOptions",
     "VisibilityOptions",
     "advancing_front",
+    "ball_pivoting",
     "planar",
     "reconstruct",
     "scale_space",

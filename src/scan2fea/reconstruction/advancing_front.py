@@ -15,7 +15,8 @@ import numpy as np
 from scan2fea.kernel.delaunay import Tetrahedralisation
 from scan2fea.options import option
 from scan2fea.reconstruction.closing import Pieces, closed_reconstruction
-from scan2fea.reconstruction.front_kernels import advance, facet_radii
+from scan2fea.reconstruction.front_candidates import facet_radii
+from scan2fea.reconstruction.front_kernels import advance
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions
 from scan2fea.types import FloatArray, Scan
 
@@ -38,17 +39,15 @@ def front(tetra: Tetrahedralisation, normals: FloatArray | None = None, wedge_ra
     one = (tetra.neighbors > np.arange(len(tetra))[:, None]) & np.isfinite(radii)
     rows = np.flatnonzero(one.ravel())
     seeds = rows[np.argsort(radii.ravel()[rows], kind="stable")]
-    faces, where, part = advance(
-        tetra.points, side, tetra.tets, tetra.neighbors, radii, seeds, tetra.n_input, float(wedge_rad), float(radius_ratio)
-    )
-    return Pieces(faces=faces, tet=where[:, 0], facet=where[:, 1], part=part)
+    graph = (tetra.points, side, tetra.tets, tetra.neighbors, tetra.circumcentre)
+    return Pieces.of(*advance(*graph, radii, seeds, tetra.n_input, float(wedge_rad), float(radius_ratio)))
 
 
 def advancing_front(scan: Scan, options: VisibilityOptions = FrontOptions()) -> Reconstruction:
     """The surface of the front through the denoised points, closed. Raises ReconstructionError."""
     given = options if isinstance(options, FrontOptions) else FrontOptions()
 
-    def pieces(tetra: Tetrahedralisation, normals: FloatArray) -> Pieces:
+    def pieces(tetra: Tetrahedralisation, normals: FloatArray, spacing_m: float) -> Pieces:
         return front(tetra, normals, given.wedge_rad, given.radius_ratio)
 
     return closed_reconstruction(scan, options, "advancing_front", pieces)

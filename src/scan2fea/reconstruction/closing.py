@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scan2fea.kernel.delaunay import FACETS, Tetrahedralisation, tetrahedralise
-from scan2fea.kernel.topology import edge_table
+from scan2fea.kernel.topology import edge_table, face_components
 from scan2fea.reconstruction.carve import gaps
 from scan2fea.reconstruction.cut import Votes, cut
 from scan2fea.reconstruction.gates import Evidence, gates_again
@@ -36,6 +36,11 @@ class Pieces(Value):
     part: IntArray
 
     _ROWS = (("faces", "tet", "facet", "part"),)
+
+    @classmethod
+    def of(cls, faces: IntArray, where: IntArray) -> Pieces:
+        """where : (k, 2) tet and facet of each triangle."""
+        return cls(faces=faces, tet=where[:, 0], facet=where[:, 1], part=face_components(faces)[1])
 
     @property
     def n_parts(self) -> int:
@@ -81,15 +86,16 @@ def closed(tetra: Tetrahedralisation, pieces: Pieces, normals: FloatArray, spaci
 
 
 def closed_reconstruction(
-    scan: Scan, options: VisibilityOptions, method: str, mesher: Callable[[Tetrahedralisation, FloatArray], Pieces]
+    scan: Scan, options: VisibilityOptions, method: str, mesher: Callable[[Tetrahedralisation, FloatArray, float], Pieces]
 ) -> Reconstruction:
-    """The surface that `mesher` finds through the denoised points (it is given their tets and outward normals), closed. Raises ReconstructionError.
+    """The surface that `mesher` finds through the denoised points, closed. It is given their tets, outward normals and spacing.
 
     Points, normals and the outside are those of `visibility`, and so are the checks that rest on them.
+    Raises ReconstructionError.
     """
     first = visibility(scan, options)
     tetra = tetrahedralise(first.points, first.spacing_m, options.seed)
-    pieces = mesher(tetra, first.normals)
+    pieces = mesher(tetra, first.normals, first.spacing_m)
     found = closed(tetra, pieces, first.normals, first.spacing_m, options.quality_weight)
     evidence = Evidence(
         points=scan.cloud.points,

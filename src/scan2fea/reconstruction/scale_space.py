@@ -2,12 +2,13 @@
 
 Digne, Morel, Souzani, Lartigue, "Scale space meshing of raw data point sets", 2011: each point goes onto the plane of its neighbours, a step of mean
 curvature motion, H r^2 / 4. The plain form takes every point within the radius: sheets nearer than that collapse onto each other. The side-aware form
-takes those of the point's own side only, so that a wall keeps its thickness at any scale. The mesher is the minimum cut, whose surface is closed.
+takes those of the point's own side only, so that a wall keeps its thickness at any scale. The mesher is the minimum cut, or the pivoting ball (the
+thesis's) or the advancing front made whole by it: the surface is closed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,11 +22,18 @@ from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.side_normals import SAME_SIDE, near_lists
 from scan2fea.kernel.topology import degenerate_faces, vertex_faces
 from scan2fea.options import option
+from scan2fea.reconstruction.advancing_front import advancing_front
+from scan2fea.reconstruction.ball_pivoting import ball_pivoting
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
 from scan2fea.types import BoolArray, FloatArray, IntArray, PointCloud, Scan, TriangleMesh
 
 NEIGHBORS = 12  # the radius is the mean distance to the twelfth, over SAMPLES points, and stays (CGAL's default)
 SAMPLES = 300
+MESHERS: Mapping[str, Callable[[Scan, VisibilityOptions], Reconstruction]] = {
+    "visibility": visibility,
+    "ball_pivoting": ball_pivoting,
+    "advancing_front": advancing_front,
+}
 FEWEST = 5  # points in the ball, with itself: with fewer a point is not moved
 RETREATS = 30
 
@@ -34,6 +42,7 @@ RETREATS = 30
 class ScaleSpaceOptions(VisibilityOptions):
     scale: int = option(4, "scale_space: steps of smoothing before the surface is found", minimum=0, maximum=100)
     side_aware: bool = option(True, "scale_space: smooth with neighbours of the same side only, so that walls keep their thickness")
+    mesher: str = option("visibility", "scale_space: how the smoothed points are meshed (the thesis's: ball_pivoting)", choices=tuple(MESHERS))
 
 
 def smoothing_radius(points: FloatArray, seed: int = 0) -> float:
@@ -94,7 +103,7 @@ def scale_space(scan: Scan, options: VisibilityOptions = ScaleSpaceOptions()) ->
     points = scan.cloud.points
     radius = smoothing_radius(points, options.seed)
     moved = smoothed(points, radius, given.scale, first.normals if given.side_aware else None)
-    coarse = visibility(_at(scan, moved, first.normals), options)
+    coarse = MESHERS[given.mesher](_at(scan, moved, first.normals), options)
     if first.source == "ranges":
         raise ReconstructionError("scale_space has no rays to move along: shuffle the points or use reconstruction.method = visibility")
     row, distance = _row_of(coarse.mesh.vertices, coarse.points)
@@ -102,6 +111,7 @@ def scale_space(scan: Scan, options: VisibilityOptions = ScaleSpaceOptions()) ->
     mesh, n_held = returned(coarse.mesh, target)
     facts: Mapping[str, float | str] = {
         **coarse.how, "method": "scale_space", "scale": given.scale, "radius_m": radius, "n_held_back": n_held,
+        "mesher": given.mesher,
         "side_aware": "yes" if given.side_aware else "no", "spacing_m": first.spacing_m, "sigma_m": first.sigma_m,
     }  # fmt: skip
     return replace(coarse, mesh=mesh, spacing_m=first.spacing_m, sigma_m=first.sigma_m, how=facts)

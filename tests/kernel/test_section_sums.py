@@ -5,6 +5,7 @@ import pytest
 
 from scan2fea.estimation.likelihood import Layout, model_of
 from scan2fea.kernel.noise_kernels import KERNELS, bell_and_tail
+from scan2fea.kernel.round_sums import bessel_at
 from scan2fea.kernel.section_likelihood import faces
 from scan2fea.kernel.section_sums import SLOPE, VALUE
 from scan2fea.kernel.sections import ROUND
@@ -81,3 +82,21 @@ def test_the_tail_table_is_the_error_function():
     found = np.array([bell_and_tail(v) for v in x])
     assert np.allclose(found[:, 1], 0.5 * erfc(x / np.sqrt(2)), rtol=1e-13 * 5, atol=0)
     assert np.allclose(found[:, 0], np.exp(-0.5 * x**2) / np.sqrt(2 * np.pi), rtol=1e-14, atol=0)
+
+
+def test_the_bessel_table_is_the_functions():
+    from scipy.special import i0e, i1e
+
+    x = np.r_[0.0, np.logspace(-6, 2.5, 500)]
+    found = np.array([bessel_at(v) for v in x])
+    assert np.allclose(found[:, 0], i0e(x), rtol=1e-14, atol=0) and np.allclose(found[:, 1], 1 - i1e(x) / i0e(x), rtol=1e-12, atol=0)
+    far = np.logspace(4, 9, 50)
+    found = np.array([bessel_at(v) for v in far])
+    assert np.allclose(found[:, 0], i0e(far), rtol=1e-14, atol=0) and np.allclose(found[:, 1], 0.5 / far + 0.125 / far**2, rtol=1e-8, atol=0)
+
+
+def test_circles_without_a_section_are_minus_infinity():
+    for bad in ([0.1, 0.05], [-0.1, 0.01], [np.nan, 0.01]):
+        model, theta = case("CHS", "gaussian", {}, free=False)
+        theta[:2] = bad
+        assert model.sums(theta)[0] == -np.inf

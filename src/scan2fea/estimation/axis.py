@@ -13,21 +13,19 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import legendre
-from scipy.ndimage import gaussian_filter, map_coordinates
 
 from scan2fea.errors import EstimationError, require
 from scan2fea.estimation.ends import rough_ends
+from scan2fea.kernel.blurred import grid_of, log_density_of
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.types import FloatArray, Value
 
 _POINTS = 6_000
 _SLENDER = 2.0  # shape-estimation.md, method 1: below this ratio of length to section every principal direction is tried
 _WIDTHS = (0.2, 0.12, 0.07, 0.04, 0.025)  # of the kernel, in diameters of the section
-_CELLS = 2.0  # grid cells per kernel width
 _STEPS = 8  # at each width, at most
 _STILL = 0.01  # of the width of the kernel: a step that is no step
 _CAUTION = 0.3
-_FLOOR = 0.03  # of the mean density: points that lie where it is lower have no say
 _COLLINEAR = 1e-6
 
 
@@ -203,7 +201,8 @@ def _climb(
         h = width * size
         limit = np.r_[np.full(2 * degree, h), np.full(twist_degree, width)]
         u = _unbent(inside, zeta, bow, twist)[:, :2]
-        level, slope = _log_density(u, h)
+        grid = grid_of(u, h)  # one for all steps: their values are compared
+        level, slope = log_density_of(u, grid)
         caution = _CAUTION
         for _ in range(_STEPS):
             step = _step(u, slope, basis, twist, degree, h, caution)
@@ -212,7 +211,7 @@ def _climb(
             tried_bow[:, 1:] += step[: 2 * degree].reshape(2, degree)
             tried_twist[1:] += step[2 * degree :]
             tried = _unbent(inside, zeta, tried_bow, tried_twist)[:, :2]
-            found = _log_density(tried, h)
+            found = log_density_of(tried, grid)
             is_up = float(found[0].sum()) > float(level.sum())
             caution *= 0.3 if is_up else 4.0
             if is_up:
@@ -243,31 +242,6 @@ def _step(u: FloatArray, slope: FloatArray, basis: FloatArray, twist: FloatArray
     return np.asarray(unit * np.linalg.solve(matrix, unit * scores.sum(axis=0)))
 
 
-def _log_density(u: FloatArray, h: float) -> tuple[FloatArray, FloatArray]:
-    """Log density (n,) of the points (n, 2) at themselves and its slope (n, 2), from a grid blurred by h."""
-    low, high = np.quantile(u, 0.005, axis=0) - 4 * h, np.quantile(u, 0.995, axis=0) + 4 * h
-    cell = h / _CELLS
-    shape = np.minimum(np.ceil((high - low) / cell).astype(int) + 1, 1500)
-    at = (u - low) / cell
-    ok = (at > 0).all(axis=1) & (at < shape - 1).all(axis=1)
-    whole = np.floor(at[ok]).astype(int)
-    part = at[ok] - whole
-    grid = np.zeros(shape[0] * shape[1])
-    for dx in (0, 1):
-        for dy in (0, 1):
-            share = np.abs(1 - dx - part[:, 0]) * np.abs(1 - dy - part[:, 1])
-            grid += np.bincount((whole[:, 0] + dx) * shape[1] + whole[:, 1] + dy, weights=share, minlength=len(grid))
-    smooth = gaussian_filter(grid.reshape(shape), _CELLS, mode="constant", truncate=3.5)
-    floor = _FLOOR * float(smooth[smooth > 0].mean()) + 1e-300
-    slope = np.gradient(smooth)
-    value = map_coordinates(smooth, at.T, order=1, mode="nearest") + floor
-    gx, gy = (map_coordinates(part_slope, at.T, order=1, mode="nearest") / value / cell for part_slope in slope)
-    own = 1 / (2 * math.pi * _CELLS**2)  # of the point itself, which must not vouch for itself
-    level = np.log(np.maximum(value - own, floor) / (len(u) * cell**2))
-    inside = np.where(ok, 1.0, 0.0)
-    return level, np.stack([gx * inside, gy * inside], 1)
-
-
 def _sharpness(local: FloatArray, size: float) -> float:
     """Mean log density of the points across the axis at a kernel of 4 % of the section."""
-    return float(_log_density(local[:, :2], 0.04 * size)[0].mean())
+    return float(log_density_of(local[:, :2], grid_of(local[:, :2], 0.04 * size))[0].mean())

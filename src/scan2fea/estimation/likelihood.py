@@ -12,7 +12,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
@@ -20,13 +20,13 @@ from scipy.spatial import ConvexHull, QhullError
 from scan2fea.errors import InputError, UsageError, require
 from scan2fea.estimation.scoring import Summed
 from scan2fea.kernel.noise_kernels import kernel_parts
-from scan2fea.kernel.section_likelihood import edges_of, faces, is_section, log_density
-from scan2fea.kernel.section_sums import INFORMATION, VALUE, straight_levels, straight_sums
+from scan2fea.kernel.round_sums import round_levels, round_sums
+from scan2fea.kernel.section_likelihood import edges_of, faces, is_section, log_density, radius_factors
+from scan2fea.kernel.section_sums import INFORMATION, straight_levels, straight_sums
 from scan2fea.kernel.sections import PARAMETERS, ROUND
 from scan2fea.types import FloatArray, IntArray, Value
 
 MAX_OUTLIERS = 0.3  # shape-estimation.md, method 3: more than this is another object
-_BLOCK = 8192  # points
 _SIGMA_FLOOR = 5e-4  # of the section's diameter: 0.06 mm for a 127 mm leg
 _LOGIT_PRIOR = (-5.0, 1.5)  # same place: mean and sd of log(eps / (1 - eps))
 
@@ -181,45 +181,26 @@ class SectionModel(Value):
     def sums(self, theta: FloatArray, asked: int = INFORMATION) -> Summed:
         """The log likelihood, its slope and the outer products of its scores, over all points; -inf where the dimensions make no section."""
         layout = self.layout
-        if layout.family in ROUND:
-            return self._round_sums(theta, asked)
         curve = (int(layout.tilt), layout.n_bow, layout.n_twist)
         base, rows = self._faces
-        theta = np.ascontiguousarray(theta, float)
-        return straight_sums(
-            self.xy, self._legendre, theta, curve, base, rows, *edges_of(layout.family), kernel_parts(self.noise), self.area_m2, asked
-        )
+        theta = np.array(theta, float)  # one that may be written to: else the kernel is compiled once more
+        parts = kernel_parts(self.noise)
+        if layout.family in ROUND:
+            return round_sums(self.xy, self._legendre, theta, curve, base, rows, radius_factors(layout.family), parts, self.area_m2, asked)
+        return straight_sums(self.xy, self._legendre, theta, curve, base, rows, *edges_of(layout.family), parts, self.area_m2, asked)
 
     def levels(self, thetas: FloatArray) -> FloatArray:
         """(g,) log likelihoods at each of (g, q) thetas of a straight member with all its faces."""
+        thetas, parts = np.array(thetas, float), kernel_parts(self.noise)
         if self.layout.family in ROUND:
-            return np.array([self.sums(theta, VALUE)[0] for theta in thetas])
-        return straight_levels(self.xy, np.ascontiguousarray(thetas, float), *edges_of(self.layout.family), kernel_parts(self.noise), self.area_m2)
+            return round_levels(self.xy, thetas, radius_factors(self.layout.family), parts, self.area_m2)
+        return straight_levels(self.xy, thetas, *edges_of(self.layout.family), parts, self.area_m2)
 
     @functools.cached_property
     def _faces(self) -> tuple[FloatArray, IntArray]:
         """(f,) weights of the faces where they are not free, and the rows of those that are."""
         base = np.ones(len(faces(self.layout.family))) if self.face_weight is None else np.array(self.face_weight, float)
         return base, np.array(self._free_rows, np.int64)
-
-    def _round_sums(self, theta: FloatArray, asked: int) -> Summed:
-        """As `sums`, in blocks small enough for the processor's cache."""
-        q = len(theta)
-        total, gradient, information = 0.0, np.zeros(q), np.zeros((q, q))
-        for part in self._blocks:
-            logp, scores = part.evaluate(theta)
-            total += float(logp.sum())
-            if not math.isfinite(total):
-                break
-            gradient += scores.sum(0) if asked > VALUE else 0.0
-            information += scores.T @ scores if asked == INFORMATION else 0.0
-        return total, gradient, information
-
-    @functools.cached_property
-    def _blocks(self) -> list[SectionModel]:
-        if len(self.xy) <= 2 * _BLOCK:
-            return [self]
-        return [replace(self, xy=self.xy[i : i + _BLOCK], zeta=self.zeta[i : i + _BLOCK]) for i in range(0, len(self.xy), _BLOCK)]
 
     def own_probability(self, theta: FloatArray) -> FloatArray:
         """(n,) probability of each point to be of the section rather than stray."""

@@ -19,3 +19,8 @@ def jit(function: Callable[P, R]) -> Callable[P, R]:
 def jit_ieee(function: Callable[P, R]) -> Callable[P, R]:
     """As `jit`, but a division by zero gives inf or nan as in numpy's arrays, where plain kernels raise ZeroDivisionError; its test is saved."""
     return cast("Callable[P, R]", numba.njit(cache=True, nogil=True, error_model="numpy")(function))
+
+
+def jit_inline(function: Callable[P, R]) -> Callable[P, R]:
+    """As `jit_ieee`, for the small parts of one hot loop: written into it, so that its arrays are not counted in and out at every call."""
+    return cast("Callable[P, R]", numba.njit(cache=True, nogil=True, error_model="numpy", inline="always")(function))

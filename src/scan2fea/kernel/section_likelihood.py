@@ -107,10 +107,17 @@ def face_lengths(family: str, values: FloatArray) -> FloatArray:
 def _length_factors(family: str) -> FloatArray:
     """(f, p): the lengths of the faces are linear in the dimensions."""
     if family in ROUND:
-        return math.pi * np.array([[1.0, 0.0], [1.0, -2.0]])[: len(PARAMETERS[family]), : len(PARAMETERS[family])]
+        return 2 * math.pi * radius_factors(family)
     outline = _outline(family)
     across = (outline.y, outline.x)
     return np.array([across[axis][high] - across[axis][low] for axis, _, low, high in outline.edges])
+
+
+@functools.cache
+def radius_factors(family: str) -> FloatArray:
+    """(circles, p) of a ROUND family: radii by the dimensions."""
+    n = len(PARAMETERS[family])
+    return np.array([[0.5, 0.0], [0.5, -1.0]])[:n, :n].copy()
 
 
 def log_density(
@@ -242,10 +249,10 @@ def _round_terms(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """As `_straight_terms`, for one or two circles."""
     n, circles = len(points), len(share)
-    radius_factors = _length_factors(family) / (2 * math.pi)
+    radii = radius_factors(family)
     r = np.hypot(points[:, 0], points[:, 1])
     p, by_r, by_radius, by_face = np.zeros(n), np.zeros(n), np.zeros((n, circles)), np.zeros((n, circles))
-    for c, radius in enumerate(radius_factors @ values):
+    for c, radius in enumerate(radii @ values):
         for w, h, s in parts:
             spread = sigma * math.sqrt(s * s + h * h / 3)
             x = r * radius / spread**2
@@ -262,7 +269,7 @@ def _round_terms(
     safe = np.where(p > 0, p, 1.0)
     direction = points / np.where(r > 0, r, 1.0)[:, None]
     d_point = (by_r / safe)[:, None] * direction
-    return p, d_point, (by_radius / safe[:, None]) @ radius_factors, (by_face / safe[:, None])[:, :slots]
+    return p, d_point, (by_radius / safe[:, None]) @ radii, (by_face / safe[:, None])[:, :slots]
 
 
 @jit

@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from scan2fea.kernel.jit import jit_ieee
+from scan2fea.kernel.jit import jit_ieee, jit_inline
 from scan2fea.kernel.noise_kernels import FAR, kernel_at, mass_between
 from scan2fea.types import FloatArray, IntArray
 
@@ -55,9 +55,10 @@ def straight_sums(
     table = _edge_table(edges, n_x)
     z, density, slope = np.zeros(len(lines)), np.zeros(len(lines)), np.zeros(len(lines))
     tail, by_line, by_face, row = np.zeros(len(lines)), np.zeros(len(lines)), np.zeros(len(edges)), np.zeros(q)
+    cos, sin = math.cos(theta[n_values]), math.sin(theta[n_values])
     total = 0.0
     for i in range(len(xy)):
-        x, y, c, s = _in_section(xy, basis, theta, n_values, n_curve, i)
+        x, y, c, s = _in_section(xy, basis, theta, n_values, n_curve, i, cos, sin)
         by_line[:] = 0.0
         by_face[:] = 0.0
         p = 0.0
@@ -77,15 +78,15 @@ def straight_sums(
         _by_place(row, basis, n_values, n_curve, i, x, y, c, s, gx, gy)
         for m in range(len(free_rows)):
             row[q - len(free_rows) + m] = (own / p if p > _TINY else 0.0) * by_face[free_rows[m]] - own * length_share[free_rows[m]]
-        _add(row, gradient, information, asked)
+        add_products(row, gradient, information, asked)
     for a in range(q):
         for b in range(a):
             information[b, a] = information[a, b]
     return total, gradient, information
 
 
-@jit_ieee
-def _add(row: FloatArray, gradient: FloatArray, information: FloatArray, asked: int) -> None:
+@jit_inline
+def add_products(row: FloatArray, gradient: FloatArray, information: FloatArray, asked: int) -> None:
     """Adds one point's scores, and the lower half of their products."""
     for a in range(len(row)):
         gradient[a] += row[a]
@@ -112,7 +113,7 @@ def straight_levels(
     return found
 
 
-@jit_ieee
+@jit_inline
 def _kernel(z: float, h: float, s: float) -> tuple[float, float, float]:
     """`kernel_at`, zero where the exponent is beyond any share of strays."""
     if abs(z) - h > FAR * s:
@@ -159,13 +160,13 @@ def _edge_table(edges: IntArray, n_x: int) -> IntArray:
     return table
 
 
-@jit_ieee
+@jit_inline
 def _in_section(
-    xy: FloatArray, basis: FloatArray, theta: FloatArray, n_values: int, n_curve: tuple[int, int, int], i: int
+    xy: FloatArray, basis: FloatArray, theta: FloatArray, n_values: int, n_curve: tuple[int, int, int], i: int, c: float, s: float
 ) -> tuple[float, float, float, float]:
-    """Point i in the frame of the section, and the cosine and sine of the roll there."""
+    """Point i in the frame of the section, and the cosine and sine of the roll there; c and s : of the roll at degree 0."""
     tilt, n_bow, n_twist = n_curve
-    turn, ax, ay = theta[n_values], theta[n_values + 1], theta[n_values + 2]
+    turn, ax, ay = 0.0, theta[n_values + 1], theta[n_values + 2]
     first = n_values + 5
     if tilt:
         ax += theta[first] * basis[i, 1]
@@ -177,12 +178,14 @@ def _in_section(
     first += 2 * n_bow
     for k in range(n_twist):
         turn += theta[first + k] * basis[i, k + 1]
-    c, s = math.cos(turn), math.sin(turn)
+    if n_twist > 0:
+        turn += theta[n_values]
+        c, s = math.cos(turn), math.sin(turn)
     dx, dy = xy[i, 0] - ax, xy[i, 1] - ay
     return c * dx + s * dy, c * dy - s * dx, c, s
 
 
-@jit_ieee
+@jit_inline
 def _edges_at(
     table: IntArray,
     share: FloatArray,
@@ -215,7 +218,7 @@ def _edges_at(
     return p
 
 
-@jit_ieee
+@jit_inline
 def _by_dimensions(
     row: FloatArray, by_line: FloatArray, scale: float, own: float, by_length: FloatArray, x_factors: FloatArray, y_factors: FloatArray
 ) -> tuple[float, float]:
@@ -239,7 +242,7 @@ def _by_dimensions(
     return gx, gy
 
 
-@jit_ieee
+@jit_inline
 def _by_size(row: FloatArray, theta: FloatArray, n_values: int, rest: float) -> float:
     """The score by log sigma: p has the degree -2 in point, dimensions and sigma together (Euler)."""
     for m in range(n_values):
@@ -247,7 +250,7 @@ def _by_size(row: FloatArray, theta: FloatArray, n_values: int, rest: float) -> 
     return rest
 
 
-@jit_ieee
+@jit_inline
 def _by_place(
     row: FloatArray,
     basis: FloatArray,

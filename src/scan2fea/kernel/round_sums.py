@@ -15,9 +15,9 @@ import math
 import numpy as np
 from scipy.special import i0e, i1e
 
-from scan2fea.kernel.jit import jit_ieee
+from scan2fea.kernel.jit import jit_ieee, jit_inline
 from scan2fea.kernel.noise_kernels import FAR, NARROW, kernel_at
-from scan2fea.kernel.section_sums import INFORMATION, VALUE, add_products
+from scan2fea.kernel.section_sums import VALUE, add_products
 from scan2fea.types import FloatArray, IntArray
 
 _TINY = 1e-300
@@ -71,7 +71,7 @@ def round_sums(
     radius_factors : (circles, p), the radii by the dimensions.   Other arguments as of `section_sums.straight_sums`; twist has no place here.
     """
     circles, n_values = radius_factors.shape
-    q, tilt, n_bow = len(theta), n_curve[0], n_curve[1]
+    q = len(theta)
     gradient, information = np.zeros(q), np.zeros((q, q))
     radius, share, is_whole = _shares(theta, base_weight, free_rows, radius_factors)
     if not is_whole:
@@ -80,21 +80,10 @@ def round_sums(
     eps = 1.0 / (1.0 + math.exp(-theta[n_values + 3]))
     stray = eps / area
     row, by_radius, by_circle = np.zeros(q), np.zeros(circles), np.zeros(circles)
-    by_length = np.zeros(n_values)
-    for c in range(circles):
-        for m in range(n_values):
-            by_length[m] += share[c] * 2 * math.pi * radius_factors[c, m]
+    by_length = 2 * math.pi * np.dot(share, radius_factors)
     total = 0.0
     for i in range(len(xy)):
-        x, y = xy[i, 0] - theta[n_values], xy[i, 1] - theta[n_values + 1]
-        first = n_values + 4
-        if tilt:
-            x -= theta[first] * basis[i, 1]
-            y -= theta[first + 1] * basis[i, 1]
-        first += 2 * tilt
-        for k in range(n_bow):
-            x -= theta[first + 2 * k] * basis[i, k + 2]
-            y -= theta[first + 2 * k + 1] * basis[i, k + 2]
+        x, y = _from_axis(xy, basis, theta, n_values, n_curve, i)
         r = math.hypot(x, y)
         by_radius[:] = 0.0
         by_circle[:] = 0.0
@@ -109,22 +98,16 @@ def round_sums(
             continue
         own = (1 - eps) * p / level
         scale = own / p if p > _TINY else 0.0
-        for m in range(n_values):
-            row[m] = -own * by_length[m]
-            for c in range(circles):
-                row[m] += scale * by_radius[c] * radius_factors[c, m]
         slope = scale * by_r / r if r > 0 else 0.0
         gx, gy = slope * x, slope * y
         rest = -2.0 * own - x * gx - y * gy  # p has the degree -2 in point, dimensions and sigma together (Euler)
         for m in range(n_values):
+            row[m] = -own * by_length[m]
+            for c in range(circles):
+                row[m] += scale * by_radius[c] * radius_factors[c, m]
             rest -= row[m] * theta[m]
-        row[n_values], row[n_values + 1], row[n_values + 2], row[n_values + 3] = -gx, -gy, rest, (1 - eps) - own
-        first = n_values + 4
-        if tilt:
-            row[first], row[first + 1] = -gx * basis[i, 1], -gy * basis[i, 1]
-        first += 2 * tilt
-        for k in range(n_bow):
-            row[first + 2 * k], row[first + 2 * k + 1] = -gx * basis[i, k + 2], -gy * basis[i, k + 2]
+        row[n_values + 2], row[n_values + 3] = rest, (1 - eps) - own
+        _by_place(row, basis, n_values, n_curve, i, gx, gy)
         for m in range(len(free_rows)):
             c = free_rows[m]
             row[q - len(free_rows) + m] = scale * by_circle[c] - own * share[c] * 2 * math.pi * radius[c]
@@ -133,6 +116,35 @@ def round_sums(
         for b in range(a):
             information[b, a] = information[a, b]
     return total, gradient, information
+
+
+@jit_inline
+def _from_axis(xy: FloatArray, basis: FloatArray, theta: FloatArray, n_values: int, n_curve: tuple[int, int, int], i: int) -> tuple[float, float]:
+    """Point i from the middle of the circles at its place along the member."""
+    tilt, n_bow = n_curve[0], n_curve[1]
+    x, y = xy[i, 0] - theta[n_values], xy[i, 1] - theta[n_values + 1]
+    first = n_values + 4
+    if tilt:
+        x -= theta[first] * basis[i, 1]
+        y -= theta[first + 1] * basis[i, 1]
+    first += 2 * tilt
+    for k in range(n_bow):
+        x -= theta[first + 2 * k] * basis[i, k + 2]
+        y -= theta[first + 2 * k + 1] * basis[i, k + 2]
+    return x, y
+
+
+@jit_inline
+def _by_place(row: FloatArray, basis: FloatArray, n_values: int, n_curve: tuple[int, int, int], i: int, gx: float, gy: float) -> None:
+    """Fills the scores by place, tilt and bow."""
+    tilt, n_bow = n_curve[0], n_curve[1]
+    row[n_values], row[n_values + 1] = -gx, -gy
+    first = n_values + 4
+    if tilt:
+        row[first], row[first + 1] = -gx * basis[i, 1], -gy * basis[i, 1]
+    first += 2 * tilt
+    for k in range(n_bow):
+        row[first + 2 * k], row[first + 2 * k + 1] = -gx * basis[i, k + 2], -gy * basis[i, k + 2]
 
 
 @jit_ieee

@@ -20,3 +20,12 @@ class FilteringOptions:
     outlier_sd: float = option(1.0, "Standard deviations above the mean that density and statistical still keep", minimum=0.0)
     voxel_m: float | None = option(None, "Edge of cells whose points give way to their mean; none: only above max_points", unit="m", minimum=0.0)
     max_points: int = option(4_000_000, "A scan of more points is thinned by voxel means with an edge from the data", minimum=1000)
+    disocclusion: str = option(
+        "none",
+        "Mark what stands before a surface seen on both of its sides, and put points there that nobody measured (is_inferred). planes: the plane "
+        "or corner of both sides; diffusion: of the range (thesis eq 2.7); anisotropic: along the vertical alone. Needs the sensor, one place per input",
+        choices=("none", "planes", "diffusion", "anisotropic"),
+    )
+    occlusion_tau_m: float | None = option(
+        None, "How much farther the background of what stands in the way must be; auto: from noise and step of the ranges", unit="m", minimum=0.0
+    )

@@ -22,6 +22,8 @@ _ALIASES = {
     "blue": ("b", "diffuse_blue", "bf"),
     "intensity": ("i", "reflectance", "reflectivity", "remission", "scalar"),
     "label": ("labels",),
+    "ring": ("laser_id", "laser_number"),
+    "time": ("time_s",),
     "sensor_x": ("sensorx",),
     "sensor_y": ("sensory",),
     "sensor_z": ("sensorz",),

@@ -40,8 +40,11 @@ class Gathered:
     voxel_edge_m: float | None
     notes: tuple[str, ...]
 
-    def rays(self) -> tuple[IntArray, Rays | None]:
-        """The row of each point in the rays, -1 where its sensor is not known, and the rays: of the points in order, then the misses."""
+    def rays(self, time_s: FloatArray | None = None, ring: FloatArray | None = None) -> tuple[IntArray, Rays | None]:
+        """The row of each point in the rays, -1 where its sensor is not known, and the rays: of the points in order, then the misses.
+
+        time_s, ring : (n,) of the points; of misses they are not kept (nan, -1).
+        """
         n = len(self.points)
         ray = np.full(n, -1, np.int64)
         if self.sensor is None and len(self.miss_origin) == 0:
@@ -54,10 +57,13 @@ class Gathered:
         if n_known == 0 and len(self.miss_origin) == 0:
             return ray, None
         ray[known] = np.arange(n_known)
+        n_misses = len(self.miss_origin)
         return ray, Rays(
             origin=np.concatenate([origin[known], self.miss_origin]),
             direction=np.concatenate([offset[known] / distance[known, None], self.miss_direction]),
-            range_m=np.concatenate([distance[known], np.full(len(self.miss_origin), np.nan)]),
+            range_m=np.concatenate([distance[known], np.full(n_misses, np.nan)]),
+            time_s=None if time_s is None else np.concatenate([time_s[known], np.full(n_misses, np.nan)]),
+            ring=None if ring is None else np.concatenate([ring[known].astype(np.int64), np.full(n_misses, -1, np.int64)]),
         )
 
 

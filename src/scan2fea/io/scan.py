@@ -22,6 +22,7 @@ from scan2fea.units import BYTES_PER_GIB, METRES_PER_UNIT, metres_per
 # a point of the later chain: coordinates, ray, indices, normals, neighbours (about 15 of 8 bytes); and 56 more for the ray itself
 BYTES_PER_POINT = 250
 BYTES_PER_RAY = 56
+_MOST_RINGS = 65536
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +127,7 @@ def _surplus(form: str, source: Source, gathered: Gathered) -> tuple[str, ...]:
 
 def _wanted(source: Source, labels: tuple[str, ...]) -> tuple[str, ...]:
     """Columns to be read beside the coordinates, in the order of the file."""
-    known = ("nx", "ny", "nz", "red", "green", "blue", "intensity", "sensor_x", "sensor_y", "sensor_z")
+    known = ("nx", "ny", "nz", "red", "green", "blue", "intensity", "sensor_x", "sensor_y", "sensor_z", "time", "ring")
     chosen = {columns.find(source.columns, name) for name in known} | set(labels)
     return tuple(name for name in source.columns if name in chosen)
 
@@ -208,7 +209,7 @@ def _labels(path: Path, gathered: Gathered, candidates: tuple[str, ...], wanted:
 
 
 def _scan(source: Source, gathered: Gathered, label: IntArray | None) -> Scan:
-    ray, rays = gathered.rays()
+    ray, rays = gathered.rays(*(_of_ray(source, gathered, name) for name in ("time", "ring")))
     return Scan(
         cloud=PointCloud(
             points=gathered.points,
@@ -222,6 +223,15 @@ def _scan(source: Source, gathered: Gathered, label: IntArray | None) -> Scan:
         ),
         rays=rays,
     )
+
+
+def _of_ray(source: Source, gathered: Gathered, name: str) -> FloatArray | None:
+    """Time or ring of each point; None where the file gives none, or one that is not finite."""
+    found = columns.find(source.columns, name)
+    if found is None or found not in gathered.columns:
+        return None
+    values = np.asarray(gathered.columns[found], float)
+    return values if bool(np.isfinite(values).all()) and (name == "time" or bool((np.abs(values) < _MOST_RINGS).all())) else None
 
 
 def _stacked(source: Source, gathered: Gathered, *names: str) -> FloatArray | None:

@@ -190,10 +190,10 @@ def _verify_geometry(made: Made) -> None:
 
 
 def _supported_share(made: Made, surface: TriangleMesh, origin: IntArray) -> float:
-    """Share of the area that no point saw but that rests on a plane that was seen (inferred points stand for it)."""
-    cloud = made.part.scan.cloud
-    if cloud.is_inferred is None or not cloud.is_inferred.any():
+    """Share of the area that no point saw but that rests on a plane that was seen (points of the contact stand for it)."""
+    contact = made.part.contact
+    if not contact.any():
         return 0.0
-    resting = face_origin(surface, cloud.points[cloud.is_inferred], None, made.spacing_m, made.sigma_m) == MEASURED
+    resting = face_origin(surface, made.part.scan.cloud.points[contact], None, made.spacing_m, made.sigma_m) == MEASURED
     areas = face_areas(surface)
     return float(areas[resting & (origin != MEASURED)].sum() / areas.sum())

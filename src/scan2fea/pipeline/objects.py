@@ -29,13 +29,17 @@ def parts_of(scene: Scene, segments: Segments, chosen: Selection, config: Config
     """One part per chosen label, numbered from 1 in the order of the selection."""
     meshes = {m.frame: m.mesh for m in scene.meshes}
     parts = []
+    measured = ~scene.is_filled
+    seen, labelled = scene.scan.cloud, segments
+    if not measured.all():  # what nobody measured is no evidence of a support
+        seen, labelled = seen.take(measured), replace(segments, labels=segments.labels[measured])
     for number, label in enumerate(chosen.labels, start=1):
         rows = np.flatnonzero(segments.labels == label)
         own = scene.scan.cloud.take(rows)
         frame = int(own.frame[0])
         mesh = meshes.get(frame)
         if mesh is None:
-            own = contact_points(own, scene.scan.cloud, segments, int(label))
+            own = contact_points(own, seen, labelled, int(label))
         parts.append(Part(id=number, kind=segments.kinds[label], scan=Scan(cloud=own, rays=scene.scan.rays).compact(), mesh=mesh))
     return parts
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from scan2fea.cad import Snap
 from scan2fea.kernel.coverage import Deviation
 from scan2fea.pipeline.route import ESTIMATION, Estimate
-from scan2fea.types import Brep, Check, FEModel, FEResult, FloatArray, Member, Route, Scan, TetMesh, TriangleMesh, Value
+from scan2fea.types import BoolArray, Brep, Check, FEModel, FEResult, FloatArray, Member, Route, Scan, TetMesh, TriangleMesh, Value
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -19,6 +21,12 @@ class Part(Value):
     kind: str
     scan: Scan
     mesh: TriangleMesh | None = None
+
+    @property
+    def contact(self) -> BoolArray:
+        """(n,) inferred points on the face that it rests on: they come from no input."""
+        cloud = self.scan.cloud
+        return np.zeros(len(cloud), bool) if cloud.is_inferred is None else np.asarray(cloud.is_inferred & (cloud.frame < 0))
 
 
 @dataclass

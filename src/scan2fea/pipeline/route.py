@@ -71,6 +71,8 @@ def estimate(scan: Scan, options: MemberOptions, route: RouteOptions, known: Kno
     """
     table = table_of(route)
     section = known_section(route, table) if known is None else known
+    if scan.cloud.is_inferred is not None and bool((scan.cloud.is_inferred & (scan.cloud.frame >= 0)).any()):
+        scan = Scan(cloud=scan.cloud.take(~scan.cloud.is_inferred | (scan.cloud.frame < 0)), rays=scan.rays)  # what fills a gap is no measurement
     try:
         fit = fit_member(scan, replace(options, family=section.family or options.family), section.fixed, section.nominal)
     except (EstimationError, InputError) as error:

@@ -137,6 +137,8 @@ def _write_scene(out: Path, rows: Sequence[Mapping[str, Any]], scene: Scene, seg
     sigma = cloud.sigma_along_m if cloud.sigma_along_m is not None else np.full(len(cloud), np.nan)
     inferred = cloud.is_inferred if cloud.is_inferred is not None else np.zeros(len(cloud), bool)
     columns: dict[str, Any] = {"label": segments.labels.astype(np.int32), "is_inferred": inferred.astype(np.uint8), "sigma_m": sigma}
+    if scene.is_occluder is not None:
+        columns["is_occluder"] = scene.is_occluder.astype(np.uint8)
     write_cloud_ply(out / "cloud.ply", cloud, columns)
     write_trajectory(out / "trajectory.txt", trajectory_of_all(rows, scene))
 

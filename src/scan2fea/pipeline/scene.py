@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from scan2fea.errors import EmptyScanError, require
-from scan2fea.filtering import FilteringOptions, clean_up
+from scan2fea.filtering import FilteringOptions, clean_up, fill_behind
 from scan2fea.io import RawScan
 from scan2fea.kernel.noise import spacing
 from scan2fea.registration import Link, RegistrationOptions, place, read_poses
 from scan2fea.segmentation import SegmentationOptions, segment_scene
-from scan2fea.types import FloatArray, PointCloud, Scan, Segments, Trajectory, TriangleMesh, Value
+from scan2fea.types import BoolArray, FloatArray, IntArray, PointCloud, Scan, Segments, Trajectory, TriangleMesh, Value
 
 FAR_M = 10_000.0  # coordinates beyond this are shifted: float32 formats would lose millimetres
 SHIFT_STEP_M = 1_000.0
@@ -33,7 +33,8 @@ class MeshInput(Value):
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Scene(Value):
     """All inputs in one frame. shift_m : (3,), every coordinate is input minus this, `trajectory` too.   agreement_m : (k,) median distance of each
-    input to the others where they overlap, nan where they do not.
+    input to the others where they overlap, nan where they do not.   is_occluder : (n,) points that stand in the way of others, or None.
+    continues : (n,) of a point that nobody measured, a measured one whose surface it continues; -1 of measured ones; or None.
     """
 
     scan: Scan
@@ -47,6 +48,14 @@ class Scene(Value):
     reasons: tuple[str, ...]
     links: tuple[Link, ...]
     notes: tuple[str, ...]
+    names: tuple[str, ...] = ()
+    is_occluder: BoolArray | None = None
+    continues: IntArray | None = None
+
+    @property
+    def is_filled(self) -> BoolArray:
+        """(n,) points that nobody measured, put behind what stands in the way."""
+        return np.zeros(len(self.scan.cloud), bool) if self.continues is None else np.asarray(self.continues >= 0)
 
 
 def require_extent(points: FloatArray) -> None:
@@ -88,6 +97,7 @@ def place_all(raws: tuple[RawScan, ...], options: RegistrationOptions, *, names:
         reasons=placed.reasons,
         links=placed.links,
         notes=notes,
+        names=tuple(names),
     )
 
 
@@ -119,23 +129,34 @@ def clean(scene: Scene, options: FilteringOptions) -> Scene:
     if from_mesh.all():
         return scene
     cleaned = clean_up(Scan(cloud=scene.scan.cloud.take(~from_mesh), rays=scene.scan.rays), options)
-    cloud = cleaned.scan.cloud
+    h = spacing(cleaned.scan.cloud.points) if not from_mesh.any() else None
+    behind = fill_behind(cleaned.scan, scene.trajectory.T_world_frame, scene.names, options)
+    cloud, n = behind.cloud, int(from_mesh.sum())
     if from_mesh.any():
         cloud = _joined(cloud, scene.scan.cloud.take(from_mesh))
-    return replace(scene, scan=Scan(cloud=cloud, rays=scene.scan.rays), spacing_m=spacing(cloud.points), notes=scene.notes + cleaned.notes)
+    return replace(
+        scene,
+        scan=Scan(cloud=cloud, rays=scene.scan.rays),
+        spacing_m=spacing(cloud.points) if h is None else h,
+        notes=scene.notes + cleaned.notes + behind.notes,
+        is_occluder=np.append(behind.is_occluder, np.zeros(n, bool)) if behind.is_occluder.any() else None,
+        continues=np.append(behind.source, np.full(n, -1)) if (behind.source >= 0).any() else None,
+    )
 
 
 def segment(scene: Scene, options: SegmentationOptions) -> Segments:
-    """One label per point; each input with faces is an object of its own."""
+    """One label per point; each input with faces is an object of its own. A point that nobody measured has the label of what it continues."""
     cloud = scene.scan.cloud
     frames = [m.frame for m in scene.meshes]
-    from_mesh = np.isin(cloud.frame, frames)
+    from_mesh, filled = np.isin(cloud.frame, frames), scene.is_filled
     labels = np.full(len(cloud), -1, np.int64)
     kinds: tuple[str, ...] = ()
     how: dict[str, object] = {}
     if not from_mesh.all():
-        found = segment_scene(Scan(cloud=cloud.take(~from_mesh), rays=scene.scan.rays), options)
-        labels[~from_mesh], kinds, how = found.labels, found.kinds, dict(found.how)
+        found = segment_scene(Scan(cloud=cloud.take(~(from_mesh | filled)), rays=scene.scan.rays), options)
+        labels[~(from_mesh | filled)], kinds, how = found.labels, found.kinds, dict(found.how)
+        if scene.continues is not None:
+            labels[filled] = labels[scene.continues[filled]]
     for frame in frames:
         labels[cloud.frame == frame] = len(kinds)
         kinds = (*kinds, "object")

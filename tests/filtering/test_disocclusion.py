@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from occluded import BOXES, ROOM, inside_room, rings, seen
 
+from occluded import BOXES, ROOM, inside_room, rings, seen
 from scan2fea.errors import UsageError
 from scan2fea.filtering import FilteringOptions, fill_behind
 from scan2fea.filtering.disocclusion import disocclude
@@ -90,7 +90,7 @@ def test_classes_are_heaps_of_the_histogram_merged_at_tau_and_not_beyond():
 @pytest.mark.parametrize("has_ring", [True, False])
 def test_occluders_are_marked_and_the_room_behind_them_is_filled(columns, elevations, sigma, has_ring):
     direction, ring = rings(columns, elevations)
-    points, in_the_way, wall = seen(direction, sigma)
+    points, in_the_way, _ = seen(direction, sigma)
     found = disocclude(image_of(points, ring if has_ring else None), sigma)
     assert iou(found.is_occluder, in_the_way) > 0.9
     assert np.sqrt((off_walls(found.points) ** 2).mean()) < 0.02
@@ -144,7 +144,7 @@ def test_diffusion_is_the_mean_of_neighbours_and_keeps_to_their_range(method):
 
 
 def test_an_unknown_method():
-    with pytest.raises(UsageError, match="filtering.disocclusion 'magic': use none, planes, diffusion, anisotropic"):
+    with pytest.raises(UsageError, match=r"filtering\.disocclusion 'magic': use none, planes, diffusion, anisotropic"):
         disocclude(image_of(seen(DIRECTION)[0]), 0.02, "magic")
 
 

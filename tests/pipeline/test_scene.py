@@ -4,10 +4,14 @@ import json
 
 import numpy as np
 
-from scan2fea.io import read_scan
+from occluded import rings, seen
+from scan2fea.io import read_scan, write_scan_ply
 from scan2fea.kernel.transforms import applied, quaternion_to_matrix, rigid
 from scan2fea.pipeline.config import load_config
 from scan2fea.pipeline.register import register_files
+from scan2fea.pipeline.route import estimate
+from scan2fea.pipeline.scene import clean, place_all, segment
+from scan2fea.types import PointCloud, Rays, Scan
 
 RNG = np.random.default_rng(5)
 FAR = np.array([412_345.678, 5_398_765.432, 612.25])
@@ -42,3 +46,45 @@ def test_near_the_origin_nothing_is_subtracted(tmp_path):
     report = register_files([tmp_path / "own.npy"], tmp_path / "out", load_config())
     assert report["frame"]["shift_m"] == [0.0, 0.0, 0.0]
     assert report["registration"]["frames"][0]["T_world_frame"] == np.eye(4).tolist()
+
+
+# ---- what is put behind what stands in the way
+
+
+def filled_scene(tmp_path, **settings):
+    direction, _ = rings(1080)
+    points, in_the_way, _ = seen(direction, 0.005)
+    rays = Rays(origin=np.zeros_like(points), direction=direction, range_m=np.linalg.norm(points, axis=1))
+    write_scan_ply(tmp_path / "room.ply", Scan(cloud=PointCloud.of(points, ray=np.arange(len(points))), rays=rays))
+    config = load_config(None, {"filtering.outliers": "none", **settings})
+    scene = place_all((read_scan(tmp_path / "room.ply"),), config.registration, names=["room.ply"])
+    return clean(scene, config.filtering), config, in_the_way
+
+
+def test_inferred_points_are_labelled_by_what_they_continue_and_are_no_evidence(tmp_path):
+    scene, config, in_the_way = filled_scene(tmp_path, **{"filtering.disocclusion": "planes"})
+    bare, _, _ = filled_scene(tmp_path)
+    n, cloud = len(in_the_way), scene.scan.cloud
+    assert (cloud.is_inferred == scene.is_filled).all() and scene.is_filled.sum() > 2000 and len(bare.scan.cloud) == n
+    assert scene.spacing_m == bare.spacing_m  # measured points alone
+    assert (scene.is_occluder[:n] & in_the_way).sum() > 0.9 * in_the_way.sum()
+    with_them, without = segment(scene, config.segmentation), segment(bare, config.segmentation)
+    assert (with_them.labels[:n] == without.labels).all() and with_them.kinds == without.kinds
+    assert (with_them.labels[n:] == with_them.labels[scene.continues[n:]]).all()
+    crate = with_them.labels[:n][in_the_way]
+    assert not np.isin(with_them.labels[n:], crate[crate > 0]).all()
+
+
+def test_a_fit_does_not_see_inferred_points():
+    rng = np.random.default_rng(2)
+    k = np.arange(3000)
+    corners = np.array([[0, 0], [0.1, 0], [0.1, 0.01], [0.01, 0.01], [0.01, 0.1], [0, 0.1], [0, 0.0]])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    xy = np.stack([np.interp((k + 0.5) / len(k) * along[-1], along, corners[:, axis]) for axis in (0, 1)], axis=1)
+    beam = np.c_[xy, 0.5 * (k * 0.6180339887498949 % 1.0)] + rng.normal(0.0, 3e-4, (len(k), 3))
+    invented = rng.uniform([0, 0, 0], [0.1, 0.1, 0.5], (800, 3))
+    measured = PointCloud.of(beam)
+    both = PointCloud.of(np.concatenate([beam, invented]), is_inferred=np.arange(len(k) + 800) >= len(k))
+    options = load_config()
+    alone, beside = (estimate(Scan(cloud=cloud), options.estimation, options.route) for cloud in (measured, both))
+    assert alone.member.values() == beside.member.values() and alone.member.damage == beside.member.damage == ()

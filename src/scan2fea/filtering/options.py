@@ -23,7 +23,7 @@ class FilteringOptions:
     disocclusion: str = option(
         "none",
         "Mark what stands before a surface seen on both of its sides, and put points there that nobody measured (is_inferred). planes: the plane "
-        "or corner of both sides; diffusion: of the range (thesis eq 2.7); anisotropic: along the vertical alone. Needs the sensor, one place per input",
+        "or corner of both sides; diffusion: of the range (thesis eq 2.7); anisotropic: along the vertical alone. Needs the sensor's one place",
         choices=("none", "planes", "diffusion", "anisotropic"),
     )
     occlusion_tau_m: float | None = option(

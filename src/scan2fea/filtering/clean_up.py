@@ -6,10 +6,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from scan2fea.errors import EmptyScanError, require
+from scan2fea.filtering.crop import crop
 from scan2fea.filtering.downsample import downsample
+from scan2fea.filtering.moving import moving
 from scan2fea.filtering.options import FilteringOptions
 from scan2fea.filtering.outliers import outliers
+from scan2fea.kernel.noise import noise_sigma
 from scan2fea.types import Scan
 
 
@@ -23,13 +28,25 @@ class Cleaned:
 
 
 def clean_up(scan: Scan, options: FilteringOptions = FilteringOptions()) -> Cleaned:
-    """Outliers and duplicates out, then voxel means if asked for; a scan above `max_points` is thinned first, so that judging it stays cheap.
+    """What the crop leaves, without what moved.
+
+    Outliers and duplicates go, then voxel means if asked for; a scan above `max_points` is thinned first, so that judging it stays cheap.
 
     Raises EmptyScanError if nothing is left.
     """
     cloud = scan.cloud
     how: dict[str, Any] = {}
     notes = []
+    inside = crop(cloud.points, options)
+    if not inside.all():
+        says = "no point lies in what filtering.crop_box_m, crop_plane and crop_region_m leave; check their coordinates"
+        require(inside.any(), EmptyScanError, says)
+        notes.append(f"{int((~inside).sum())} of {len(cloud)} points lie outside the crop and were left out")
+        cloud = cloud.take(inside)
+    if options.moving:
+        gone = moving(Scan(cloud=cloud, rays=scan.rays), float(np.nan_to_num(noise_sigma(cloud.points))))
+        notes.append(f"{int(gone.sum())} points were left out because other inputs looked through them: they moved (filtering.moving)")
+        cloud = cloud.take(~gone) if gone.any() else cloud
     if len(cloud) > options.max_points:
         thinned = downsample(cloud, options)
         cloud = thinned.cloud

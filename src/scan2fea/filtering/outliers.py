@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
+from scan2fea.errors import UsageError, require
 from scan2fea.filtering.options import FilteringOptions
 from scan2fea.types import BoolArray, FloatArray, Value
 
@@ -137,6 +138,13 @@ def _statistical(points: FloatArray, near: _Neighbours, options: FilteringOption
     return near.mean > limit, limit
 
 
+def _radius(points: FloatArray, near: _Neighbours, options: FilteringOptions) -> tuple[BoolArray, float]:
+    """Fewer than k others within a radius that is given, or four times the median distance to the k-th: sixteen times sparser than the median."""
+    limit = options.radius_m if options.radius_m is not None else _SPARSE * float(np.median(near.kth))
+    require(limit > 0, UsageError, f"filtering.radius_m is {limit}: it must be a positive length in metres")
+    return near.kth > limit, limit
+
+
 def _none(points: FloatArray, near: _Neighbours, options: FilteringOptions) -> tuple[BoolArray, float]:
     return np.zeros(len(near.mean), bool), float("inf")
 
@@ -145,5 +153,6 @@ METHODS: Mapping[str, Callable[[FloatArray, _Neighbours, FilteringOptions], tupl
     "isolated": _isolated,
     "density": _density,
     "statistical": _statistical,
+    "radius": _radius,
     "none": _none,
 }

@@ -9,6 +9,7 @@ from scan2fea.cad import to_brep
 from scan2fea.cad.prism import prism_brep
 from scan2fea.errors import StageError, UsageError
 from scan2fea.estimation.layers import LayerOptions, layers_of
+from scan2fea.estimation.grid import ring_grid
 from scan2fea.estimation.solid import SolidOptions, cap_triangles, named, solid_of, swept, thinnest_wall
 from scan2fea.kernel.boundary import boundary_surface
 from scan2fea.kernel.distances import distance_to_mesh
@@ -169,3 +170,31 @@ def test_messages_and_input_untouched():
         solid_of(made("L", values={"a": 0.127, "b": 0.1, "t": 0.2}))
     with pytest.raises(UsageError, match=r"root radius of 0\.2 m does not fit"):
         solid_of(member, SolidOptions(root_radius_m=0.2))
+
+
+@pytest.mark.parametrize("n", [12, 24, 36, 48, 60])
+@pytest.mark.parametrize("edge", [0.001, 0.03, 0.2])
+def test_a_full_round_section_is_covered_once_by_triangles_of_good_angles(n, edge):
+    angle = 2 * np.pi * np.arange(n) / n + 0.3
+    outer = 0.2 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    grid = ring_grid([outer], edge)
+    a, b, c = (grid.points[grid.triangles[:, k]] for k in range(3))
+    u, v = b - a, c - a
+    area = (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) / 2
+    assert area.min() > 0
+    assert area.sum() == pytest.approx(n / 2 * np.sin(2 * np.pi / n) * 0.04, rel=1e-12)
+    assert len(grid.rim) == n
+    assert sorted(grid.rim_edge.tolist()) == list(range(n))
+    sides = [np.linalg.norm(p - q, axis=1) for p, q in ((b, c), (c, a), (a, b))]
+    sines = np.array([2 * area / (sides[k - 1] * sides[k - 2]) for k in range(3)])
+    assert np.degrees(np.arcsin(sines.min())) > 35
+    counts = np.bincount(np.sort(grid.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1) @ [len(grid.points), 1])
+    assert set(counts[counts > 0]) == {1, 2}
+
+
+def test_long_elements_leave_the_inside_of_a_round_section_coarse():
+    angle = 2 * np.pi * np.arange(60) / 60
+    outer = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    fine, coarse = (ring_grid([outer], edge) for edge in (0.1, 0.25))
+    assert len(fine.triangles) == 600
+    assert len(coarse.triangles) == 240

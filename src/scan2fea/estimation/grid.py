@@ -11,6 +11,8 @@ import numpy as np
 from scan2fea.errors import InternalError, StageError, require
 from scan2fea.types import FloatArray, IntArray, Value
 
+STEP = 1.3  # of the chords of the rim: depth of the ring below it, between their length and that of chords twice as long
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Grid(Value):
@@ -120,10 +122,30 @@ def ring_grid(loops: list[FloatArray], edge_m: float) -> Grid:
     n = len(outer)
     if len(loops) == 1:
         require(n % 6 == 0, InternalError, f"a full round section of {n} corners; 6 must divide them")
-        return _with_rim(*_disc(outer), loops)
+        return _with_rim(*_coarsened(outer, edge_m), loops)
     inner = np.roll(loops[1][::-1], 1, axis=0)  # both from the same angle, counter-clockwise
     n_rows = max(1, round(float(np.linalg.norm(outer[0] - inner[0])) / edge_m))
     return _with_rim(*_rings(outer, inner, n_rows, n), loops)
+
+
+def _coarsened(outer: FloatArray, edge_m: float) -> tuple[FloatArray, IntArray]:
+    """`_disc`, where the elements asked for are longer than the chords: every ring below the rim has half the places of that above it, as long as its
+    chords stay within `edge_m` and 6 divides its places. The rim needs its chords for the shape, the inside does not.
+    """
+    n = len(outer)
+    centre = outer.mean(0)
+    chord = float(np.linalg.norm(outer[1] - outer[0]))
+    share = 1 - STEP * chord / float(np.linalg.norm(outer[0] - centre))  # of the radius: where the next ring lies
+    if n % 12 or n < 24 or 2 * chord * share > edge_m:
+        return _disc(outer)
+    inner = centre + share * (outer[::2] - centre)
+    points, triangles = _coarsened(inner, edge_m)
+    k, rim = np.arange(n // 2), len(points)
+    low = rim - n // 2 + k  # a disc ends with its rim
+    after = np.roll(low, -1)
+    first, middle, last = rim + 2 * k, rim + 2 * k + 1, rim + (2 * k + 2) % n
+    more = np.concatenate([np.stack([low, first, middle], 1), np.stack([low, middle, after], 1), np.stack([after, middle, last], 1)])
+    return np.concatenate([points, outer]), np.concatenate([triangles, more]).astype(np.int64)
 
 
 def _disc(outer: FloatArray) -> tuple[FloatArray, IntArray]:

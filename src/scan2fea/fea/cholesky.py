@@ -48,21 +48,36 @@ def _gather_rows(
 
 @jit
 def _gather_child(child: FloatArray, to: IntArray, n_own: int, f11: FloatArray, f21: FloatArray, f22: FloatArray) -> None:
-    """Add the lower half of `child` (3k, 3k) to the front, where its node a is node to[a]; `to` rises."""
-    for a in range(len(to)):
-        for b in range(a, len(to)):
-            i, j = to[b], to[a]
-            for c in range(3):
+    """Add the lower half of `child` (3k, 3k) to the front, where its node a is node to[a]; `to` rises. Column by column, as they lie in memory."""
+    k = len(to)
+    split = 0  # the first node of the child that is not eliminated here
+    while split < k and to[split] < n_own:
+        split += 1
+    for a in range(k):
+        for c in range(3):
+            i, j = 3 * a + c, 3 * to[a] + c
+            if a >= split:
+                column = f22[:, j - 3 * n_own]
+                for r in range(c, 3):
+                    column[3 * (to[a] - n_own) + r] += child[3 * a + r, i]
+                for b in range(a + 1, k):
+                    at = 3 * (to[b] - n_own)
+                    column[at] += child[3 * b, i]
+                    column[at + 1] += child[3 * b + 1, i]
+                    column[at + 2] += child[3 * b + 2, i]
+                continue
+            column = f11[:, j]
+            for r in range(c, 3):
+                column[3 * to[a] + r] += child[3 * a + r, i]
+            for b in range(a + 1, split):
                 for r in range(3):
-                    if a == b and r < c:
-                        continue
-                    value = child[3 * b + r, 3 * a + c]
-                    if i < n_own:
-                        f11[3 * i + r, 3 * j + c] += value
-                    elif j < n_own:
-                        f21[3 * (i - n_own) + r, 3 * j + c] += value
-                    else:
-                        f22[3 * (i - n_own) + r, 3 * (j - n_own) + c] += value
+                    column[3 * to[b] + r] += child[3 * b + r, i]
+            column = f21[:, j]
+            for b in range(split, k):
+                at = 3 * (to[b] - n_own)
+                column[at] += child[3 * b, i]
+                column[at + 1] += child[3 * b + 1, i]
+                column[at + 2] += child[3 * b + 2, i]
 
 
 def _dofs(nodes: IntArray) -> IntArray:

@@ -11,13 +11,13 @@ import itertools
 import numpy as np
 
 from scan2fea.errors import SolveError, require
-from scan2fea.fea.assemble import lame
+from scan2fea.fea.assemble import _jacobian, lame
 from scan2fea.fea.elements import EDGES, quadrature, shape, shape_gradient
+from scan2fea.kernel.jit import jit
 from scan2fea.types import BoolArray, FloatArray, IntArray, Material, TetMesh
 
 _DL = np.array([[-1.0, -1.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 _TRIPLES = tuple(itertools.combinations(range(4), 3))
-_CHUNK = 4_000
 
 
 def energy_of_error(mesh: TetMesh, material: Material, fields: FloatArray, body: FloatArray, held: BoolArray) -> FloatArray:
@@ -33,32 +33,70 @@ def energy_of_error(mesh: TetMesh, material: Material, fields: FloatArray, body:
     block = np.zeros((n_extra, 3, 3))
     points, weights = quadrature(5)
     value, slope = _cubics(points)
-    n, dn = shape(points, 10), shape_gradient(points, 10)
-    lam, mu = lame(material)
-    x = mesh.nodes - mesh.nodes.mean(axis=0)
-    sign = _signs(tets)
-    for first in range(0, len(tets), _CHUNK):
-        rows = slice(first, first + _CHUNK)
-        own = tets[rows]
-        jacobian = np.einsum("mna,qnc->mqac", x[own], dn, optimize=True)
-        inverse, volume = np.linalg.inv(jacobian), np.linalg.det(jacobian) * weights / 6
-        gradient = np.einsum("qnc,mqca->mqna", dn, inverse, optimize=True)
-        extra = np.einsum("qsc,mqca->mqsa", slope, inverse, optimize=True) * sign[rows, None, :, None]
-        at = number[rows].ravel()
-        dot = np.einsum("mq,mqsa,mqsa->ms", volume, extra, extra, optimize=True)
-        outer = np.einsum("mq,mqsa,mqsb->msab", volume, extra, extra, optimize=True)
-        own_block = (lam + mu) * outer + mu * dot[..., None, None] * np.eye(3)
-        np.add.at(block, at, own_block.reshape(-1, 3, 3))
-        for k, field in enumerate(fields):
-            u = field[own] - field[own].mean(axis=1, keepdims=True)
-            h = np.einsum("mqna,mnb->mqab", gradient, u, optimize=True)
-            stress = mu * (h + h.transpose(0, 1, 3, 2)) + lam * np.trace(h, axis1=2, axis2=3)[..., None, None] * np.eye(3)
-            inner = np.einsum("mq,mqsa,mqab->msb", volume, extra, stress, optimize=True)
-            force = np.einsum("mq,qs,qn,mnb->msb", volume, value, n, body[k][own], optimize=True) * sign[rows, :, None]
-            np.add.at(residual[k], at, (force - inner).reshape(-1, 3))
+    x = np.array(mesh.nodes - mesh.nodes.mean(axis=0), float)
+    _fill(
+        x, tets, number, _signs(tets), value, slope, shape(points, 10), shape_gradient(points, 10), weights, lame(material),
+        np.array(fields, float), np.array(body, float), residual, block,
+    )  # fmt: skip
     free = ~is_held
     gained = np.einsum("ksa,sab,ksb->k", residual[:, free], np.linalg.inv(block[free]), residual[:, free], optimize=True)
     return np.asarray(gained)
+
+
+@jit
+def _fill(
+    nodes: FloatArray,
+    tets: IntArray,
+    number: IntArray,
+    sign: FloatArray,
+    value: FloatArray,
+    slope: FloatArray,
+    shapes: FloatArray,
+    dshape: FloatArray,
+    weights: FloatArray,
+    constants: FloatArray,
+    fields: FloatArray,
+    body: FloatArray,
+    residual: FloatArray,
+    block: FloatArray,
+) -> None:
+    """Add what every element's added functions feel of each field: `residual` (k, s, 3), and their own stiffness `block` (s, 3, 3)."""
+    lam, mu = constants[0], constants[1]
+    inverse, g, e, h, f = np.zeros((3, 3)), np.zeros((10, 3)), np.zeros((10, 3)), np.zeros((3, 3)), np.zeros(3)
+    for t in range(len(tets)):
+        for q in range(len(weights)):
+            det = _jacobian(nodes, tets[t], dshape[q], inverse)
+            w = weights[q] * det / 6.0
+            for a in range(10):
+                for c in range(3):
+                    g[a, c] = (dshape[q, a, 0] * inverse[0, c] + dshape[q, a, 1] * inverse[1, c] + dshape[q, a, 2] * inverse[2, c]) / det
+                    e[a, c] = slope[q, a, 0] * inverse[0, c] + slope[q, a, 1] * inverse[1, c] + slope[q, a, 2] * inverse[2, c]
+                    e[a, c] *= sign[t, a] / det
+            for a in range(10):
+                s = number[t, a]
+                dot = w * mu * (e[a, 0] ** 2 + e[a, 1] ** 2 + e[a, 2] ** 2)
+                for r in range(3):
+                    block[s, r, r] += dot
+                    for c in range(3):
+                        block[s, r, c] += w * (lam + mu) * e[a, r] * e[a, c]
+            for k in range(len(fields)):
+                h[:], f[:] = 0.0, 0.0
+                for a in range(10):
+                    n = tets[t, a]
+                    for c in range(3):
+                        # from the first node: far from the origin, or moved as a whole, the sum would lose digits
+                        u = fields[k, n, c] - fields[k, tets[t, 0], c]
+                        f[c] += shapes[q, a] * body[k, n, c]
+                        for r in range(3):
+                            h[r, c] += g[a, r] * u
+                spread = lam * (h[0, 0] + h[1, 1] + h[2, 2])
+                for a in range(10):
+                    s = number[t, a]
+                    for c in range(3):
+                        inner = e[a, c] * spread
+                        for r in range(3):
+                            inner += mu * e[a, r] * (h[r, c] + h[c, r])
+                        residual[k, s, c] += w * (value[q, a] * sign[t, a] * f[c] - inner)
 
 
 def _cubics(points: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -42,7 +42,7 @@ def held_unknowns(model: FEModel) -> BoolArray:
 
 def free_motions(nodes: FloatArray, held: BoolArray) -> tuple[str, ...]:
     """Rigid motions that the held unknowns (n, 3) allow, in words: a motion with any turning in it is one about a line of its direction."""
-    rigid = rigid_fields(nodes)[held]
+    rigid = np.linalg.qr(rigid_fields(nodes)[held], mode="r")  # the same motions and sizes in six rows at most
     _, size, motion = np.linalg.svd(rigid, full_matrices=True) if len(rigid) >= 6 else np.linalg.svd(np.vstack([rigid, np.zeros((6, 6))]))
     size = np.concatenate([size, np.zeros(6 - len(size))])
     loose = motion[size <= _LOOSE * max(float(size[0]), 1e-300)]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
 
 from scan2fea.errors import SolveError, require
 from scan2fea.fea.assemble import System, assemble
+from scan2fea.fea.cholesky import Cholesky
 from scan2fea.fea.dissection import Tree, dissect
 from scan2fea.fea.elements import surface_volume
 from scan2fea.fea.linear import inverses
@@ -19,9 +21,11 @@ from scan2fea.fea.restrain import rigid_fields
 from scan2fea.fea.static import Statics, figure, solve_cases
 from scan2fea.fea.strain import energies
 from scan2fea.types import BoolArray, CaseResult, FEModel, FEResult, FloatArray, Member
+from scan2fea.units import BYTES_PER_MIB
 
 N_RIGID = 6
 SHIFT = 0.1  # of the estimate of the first elastic eigenvalue
+ROUGH_FLOPS = 2e10  # of the factors: beyond, those of the modes are made in single precision first, which halves what they cost
 EIGEN_TOLERANCE = 1e-10  # relative, of an eigenvalue
 
 
@@ -33,7 +37,11 @@ def _free_modes(model: FEModel, system: System, tree: Tree | None, options: FeaO
     start, bound = first_guess(system, nodes, n_wanted)
     free = np.zeros(len(nodes), bool)
     tried = []
-    for name, make in inverses(system, tree, rigid_fields(nodes), free, SHIFT * bound, options):
+    ways = inverses(system, tree, rigid_fields(nodes), free, SHIFT * bound, options)
+    if tree is not None and tree.flops > ROUGH_FLOPS and 4 * tree.peak_entries / BYTES_PER_MIB <= options.max_factor_mb:
+        # it only steers: what the modes are worth is measured with the stiffness itself
+        ways = itertools.chain([("Cholesky (multifrontal, single precision)", lambda: Cholesky(system, tree, SHIFT * bound, np.float32))], ways)
+    for name, make in ways:
         try:
             modes = lobpcg(system, make(), SHIFT * bound, start, n_wanted, EIGEN_TOLERANCE)
         except SolveError as error:

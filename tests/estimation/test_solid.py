@@ -8,8 +8,8 @@ from predicates import assert_closed_manifold_oriented, assert_no_crossing, rota
 from scan2fea.cad import to_brep
 from scan2fea.cad.prism import prism_brep
 from scan2fea.errors import StageError, UsageError
-from scan2fea.estimation.layers import LayerOptions, layers_of
 from scan2fea.estimation.grid import ring_grid
+from scan2fea.estimation.layers import LayerOptions, layers_of
 from scan2fea.estimation.solid import SolidOptions, cap_triangles, named, solid_of, swept, thinnest_wall
 from scan2fea.kernel.boundary import boundary_surface
 from scan2fea.kernel.distances import distance_to_mesh

@@ -72,13 +72,7 @@ def _fill(
                     g[a, c] = (dshape[q, a, 0] * inverse[0, c] + dshape[q, a, 1] * inverse[1, c] + dshape[q, a, 2] * inverse[2, c]) / det
                     e[a, c] = slope[q, a, 0] * inverse[0, c] + slope[q, a, 1] * inverse[1, c] + slope[q, a, 2] * inverse[2, c]
                     e[a, c] *= sign[t, a] / det
-            for a in range(10):
-                s = number[t, a]
-                dot = w * mu * (e[a, 0] ** 2 + e[a, 1] ** 2 + e[a, 2] ** 2)
-                for r in range(3):
-                    block[s, r, r] += dot
-                    for c in range(3):
-                        block[s, r, c] += w * (lam + mu) * e[a, r] * e[a, c]
+            _add_stiffness(e, w, lam, mu, number[t], block)
             for k in range(len(fields)):
                 h[:], f[:] = 0.0, 0.0
                 for a in range(10):
@@ -89,14 +83,33 @@ def _fill(
                         f[c] += shapes[q, a] * body[k, n, c]
                         for r in range(3):
                             h[r, c] += g[a, r] * u
-                spread = lam * (h[0, 0] + h[1, 1] + h[2, 2])
-                for a in range(10):
-                    s = number[t, a]
-                    for c in range(3):
-                        inner = e[a, c] * spread
-                        for r in range(3):
-                            inner += mu * e[a, r] * (h[r, c] + h[c, r])
-                        residual[k, s, c] += w * (value[q, a] * sign[t, a] * f[c] - inner)
+                _add_residual(e, h, f, value[q], sign[t], w, lam, mu, number[t], residual[k])
+
+
+@jit
+def _add_stiffness(e: FloatArray, w: float, lam: float, mu: float, number: IntArray, block: FloatArray) -> None:
+    """One point's own stiffness of the added functions; e (10, 3) their gradients."""
+    for a in range(10):
+        s = number[a]
+        dot = w * mu * (e[a, 0] ** 2 + e[a, 1] ** 2 + e[a, 2] ** 2)
+        for r in range(3):
+            block[s, r, r] += dot
+            for c in range(3):
+                block[s, r, c] += w * (lam + mu) * e[a, r] * e[a, c]
+
+
+@jit
+def _add_residual(
+    e: FloatArray, h: FloatArray, f: FloatArray, value: FloatArray, sign: FloatArray, w: float, lam: float, mu: float, number: IntArray, out: FloatArray
+) -> None:
+    """One point's work on the added functions: of the force per volume f, less that of the stress under the gradient h[r, c] = du_c / dx_r."""
+    spread = lam * (h[0, 0] + h[1, 1] + h[2, 2])
+    for a in range(10):
+        for c in range(3):
+            inner = e[a, c] * spread
+            for r in range(3):
+                inner += mu * e[a, r] * (h[r, c] + h[c, r])
+            out[number[a], c] += w * (value[a] * sign[a] * f[c] - inner)
 
 
 def _cubics(points: FloatArray) -> tuple[FloatArray, FloatArray]:

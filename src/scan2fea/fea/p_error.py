@@ -100,7 +100,7 @@ def _add_stiffness(e: FloatArray, w: float, lam: float, mu: float, number: IntAr
 
 @jit
 def _add_residual(
-    e: FloatArray, h: FloatArray, f: FloatArray, value: FloatArray, sign: FloatArray, w: float, lam: float, mu: float, number: IntArray, out: FloatArray
+    e: FloatArray, h: FloatArray, f: FloatArray, value: FloatArray, sign: FloatArray, w: float, lam: float, mu: float, at: IntArray, out: FloatArray
 ) -> None:
     """One point's work on the added functions: of the force per volume f, less that of the stress under the gradient h[r, c] = du_c / dx_r."""
     spread = lam * (h[0, 0] + h[1, 1] + h[2, 2])
@@ -109,7 +109,7 @@ def _add_residual(
             inner = e[a, c] * spread
             for r in range(3):
                 inner += mu * e[a, r] * (h[r, c] + h[c, r])
-            out[number[a], c] += w * (value[a] * sign[a] * f[c] - inner)
+            out[at[a], c] += w * (value[a] * sign[a] * f[c] - inner)
 
 
 def _cubics(points: FloatArray) -> tuple[FloatArray, FloatArray]:

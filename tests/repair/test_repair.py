@@ -88,7 +88,7 @@ def test_a_large_hole_goes_on_with_the_slope_it_comes_with():
 
 def test_holes_larger_than_the_limit_are_refused():
     half = mesh_of(BALL.vertices, BALL.faces[BALL.vertices[BALL.faces].mean(1)[:, 2] < 0])
-    with pytest.raises(RepairError, match=r"invent 5.% of its area"):
+    with pytest.raises(RepairError, match=r"invent at least 5.% of its area"):
         repair(half)
     assert_sound(repair(half, RepairOptions(largest_hole=0.6)).mesh)
 
@@ -129,6 +129,19 @@ def test_pinched_and_crowded_parts_are_parted():
 def test_two_parts_are_refused():
     with pytest.raises(RepairError, match="2 separate shells"):
         repair(together(BOX, moved(BOX, np.eye(3), np.full(3, 3.0))))
+
+
+def test_a_shell_inside_another_is_told_as_a_cavity():
+    with pytest.raises(RepairError, match="2 separate shells .* 1 of them inside the largest: cavities are not carried through"):
+        repair(together(BOX, moved(BOX, 0.5 * np.eye(3), np.full(3, 0.25))))
+
+
+def test_every_step_that_changed_the_surface_is_kept_for_the_ledger():
+    broken = mesh_of(BALL.vertices, BALL.faces[BALL.vertices[BALL.faces].mean(1)[:, 2] < 0.9])
+    again = repair(broken)
+    assert [name for name, _ in again.stages] == ["holes"] or [name for name, _ in again.stages] == ["clean", "holes"]
+    assert np.array_equal(again.stages[-1][1].faces, again.mesh.faces)
+    assert repair(again.mesh).stages == ()
 
 
 @pytest.mark.parametrize(

@@ -104,6 +104,8 @@ def _surface(made: Made, source: Tracked[Part], config: Config, record: Record) 
     if any(not check.passed for check in made.checks):
         return shaped
     repaired = record("repair", repair, shaped, options=config.repair, n_in=len(shaped.value.faces), count=lambda r: len(r.mesh.faces))
+    for step, surface in repaired.value.stages:
+        moved(made, f"repair: {step}", surface)
     moved(made, "repair", repaired.value.mesh)
     scale = {"spacing_m": made.spacing_m, "sigma_m": made.sigma_m if made.residual_m is None else made.residual_m}
     source_mesh = Tracked(repaired.value.mesh, repaired.key)
@@ -182,7 +184,8 @@ def _verify_geometry(made: Made) -> None:
     made.deviation, made.supported_share = found, supported
     made.surface = replace(surface, face_origin=origin, deviation_m=found.per_vertex_m)
     made.checks += deviation_checks(found, made.spacing_m, made.sigma_m, supported if made.member is None else None)
-    first = 0 if made.part.mesh is None else 1  # a file with faces may enter open: count from its repair
+    steps = [row["step"] for row in made.drift]
+    first = 0 if made.part.mesh is None else steps.index("repair")  # a file with faces may enter open: count from its repair
     ratio = made.thickness[-1] / made.thickness[first]
     thicker = float(np.median(ratio[np.isfinite(ratio)])) - 1 if np.isfinite(ratio).any() else np.nan
     made.checks += drift_checks(made.drift[-1]["volume_m3"], made.drift[first]["volume_m3"], thicker)

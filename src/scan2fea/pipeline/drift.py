@@ -7,6 +7,7 @@ import numpy as np
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.thickness import places_on, thickness_at
+from scan2fea.kernel.topology import edge_table
 from scan2fea.pipeline.part import Made
 from scan2fea.types import TriangleMesh
 
@@ -22,4 +23,5 @@ def moved(made: Made, step: str, mesh: TriangleMesh) -> None:
     known = made.thickness[-1][np.isfinite(made.thickness[-1])]
     distance = PointToMesh(mesh).nearest(made.part.scan.cloud.points).distance
     thickness = float(np.median(known)) if len(known) else np.nan
-    made.drift.append({"step": step, "volume_m3": volume(mesh), "thickness_m": thickness, "p95_m": float(np.percentile(distance, 95))})
+    enclosed = volume(mesh) if (edge_table(mesh.faces).count > 1).all() else np.nan  # an open surface encloses nothing
+    made.drift.append({"step": step, "volume_m3": enclosed, "thickness_m": thickness, "p95_m": float(np.percentile(distance, 95))})

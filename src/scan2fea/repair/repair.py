@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from scan2fea.errors import RepairError, require
+from scan2fea.kernel.distances import signed_distance
 from scan2fea.kernel.measures import area, volume
 from scan2fea.kernel.predicates import self_intersections
-from scan2fea.kernel.topology import face_components, surface_topology
+from scan2fea.kernel.topology import edge_table, face_components, surface_topology
 from scan2fea.options import option
 from scan2fea.repair.clean import (
     merged_vertices,
@@ -23,8 +24,8 @@ from scan2fea.repair.clean import (
     without_flat_faces,
     without_unused,
 )
-from scan2fea.repair.holes import filled, without_faces
-from scan2fea.types import TriangleMesh, Value
+from scan2fea.repair.holes import HolesFilled, filled_free, least_area, without_faces
+from scan2fea.types import IntArray, TriangleMesh, Value
 
 ROUNDS = 6  # of cutting crossings out and filling the hole, each a ring of faces wider
 
@@ -42,10 +43,13 @@ class RepairOptions:
 class Repaired(Value):
     """mesh : closed, manifold, oriented outward, one shell, no crossings.   steps : what was done, in order; empty where nothing had to be.
 
-    n_holes : filled.   n_dropped_parts : small shells.   n_cut_out : faces taken out because they crossed.
+    stages : (name, surface after it) of the steps that changed the surface, in order, for the drift ledger.
+    n_holes : filled.   n_creases : led on across holes.   n_dropped_parts : small shells.   n_cut_out : faces taken out because they crossed.
     """
 
     mesh: TriangleMesh
+    stages: tuple[tuple[str, TriangleMesh], ...] = ()
+    n_creases: int = 0
     steps: tuple[str, ...] = ()
     n_holes: int = 0
     n_dropped_parts: int = 0
@@ -77,21 +81,35 @@ def repair(mesh: TriangleMesh, options: RepairOptions = RepairOptions()) -> Repa
     if is_sound(mesh):
         return Repaired(mesh=mesh)
     steps: list[str] = []
+    stages: list[tuple[str, TriangleMesh]] = []
     mesh = _cleaned(mesh, steps)
     require(len(mesh.faces) > 0, RepairError, "no face with an area is left: the mesh is flat or empty")
     mesh, n_dropped = _significant(mesh, options.small_part)
     if n_dropped:
         steps.append(f"dropped {n_dropped} small parts")
-    mesh, n_holes = _closed(mesh, options)
-    if n_holes:
-        steps.append(f"filled {n_holes} holes")
+    if steps:
+        stages.append(("clean", mesh))
+    found = _closed(mesh, options)
+    mesh = mesh if found is None else oriented(found.mesh)
+    if found is not None:
+        steps.append(f"filled {found.n_holes} holes" + (f", {found.n_creases} edges led on across them" if found.n_creases else ""))
+        stages.append(("holes", mesh))
     mesh, n_cut = _uncrossed(_cleaned(mesh, steps))
     if n_cut:
         steps.append(f"cut {n_cut} crossing faces out and filled the holes")
+        stages.append(("crossings", mesh))
     mesh, more = _significant(without_unused(mesh), options.small_part)
     mesh = parted(mesh)
     _require_sound(mesh)
-    return Repaired(mesh=mesh, steps=tuple(steps), n_holes=n_holes, n_dropped_parts=n_dropped + more, n_cut_out=n_cut)
+    return Repaired(
+        mesh=mesh,
+        stages=tuple(stages),
+        steps=tuple(steps),
+        n_holes=0 if found is None else found.n_holes,
+        n_creases=0 if found is None else found.n_creases,
+        n_dropped_parts=n_dropped + more,
+        n_cut_out=n_cut,
+    )
 
 
 def _cleaned(mesh: TriangleMesh, steps: list[str]) -> TriangleMesh:
@@ -115,40 +133,51 @@ def _significant(mesh: TriangleMesh, small: float) -> tuple[TriangleMesh, int]:
     areas = np.array([area(taken(mesh, label == k)) for k in range(n)])
     keep = areas >= small * areas.max()
     left = int(keep.sum())
-    require(left == 1, RepairError, f"the surface consists of {left} separate shells of at least {small:.0%} of the largest: give one file per part")
+    if left > 1:
+        inner = _nested(mesh, label, np.flatnonzero(keep), int(areas.argmax()))
+        told = f" ({inner} of them inside the largest: cavities are not carried through)" if inner else ""
+        raise RepairError(f"the surface consists of {left} separate shells of at least {small:.0%} of the largest{told}: give one file per part")
     return without_unused(taken(mesh, keep[label])), n - left
 
 
-def _closed(mesh: TriangleMesh, options: RepairOptions) -> tuple[TriangleMesh, int]:
-    """The mesh with its holes filled. Raises RepairError where that is not wanted or would be a guess."""
+def _nested(mesh: TriangleMesh, label: IntArray, shells: IntArray, largest: int) -> int:
+    """How many of the other shells lie inside the largest, by one vertex of each; 0 where the largest is open."""
+    outer = without_unused(taken(mesh, label == largest))
+    if not surface_topology(outer).is_clean:
+        return 0
+    first = np.array([mesh.faces[np.flatnonzero(label == k)[0], 0] for k in shells if k != largest], np.int64)
+    return int((signed_distance(mesh.vertices[first], outer) < 0).sum())
+
+
+def _closed(mesh: TriangleMesh, options: RepairOptions) -> HolesFilled | None:
+    """The mesh with its holes filled; None where it has none. Raises RepairError where filling is not wanted or would be a guess."""
     n_open = surface_topology(mesh).n_boundary_edges
     if not n_open:
-        return mesh, 0
+        return None
     require(options.fill_holes, RepairError, f"the surface is open: {n_open} edges belong to one face only; allow repair.fill_holes or close it")
-    flat, _ = filled(mesh, smooth=False)
-    share = area(flat) / area(mesh) - 1
+    share = least_area(mesh) / area(mesh)
     require(
         share <= options.largest_hole,
         RepairError,
-        f"closing the surface would invent {share:.0%} of its area (limit repair.largest_hole = {options.largest_hole:.0%}): scan the open sides",
+        f"closing the surface would invent at least {share:.0%} of its area (limit repair.largest_hole = {options.largest_hole:.0%}): "
+        "scan the open sides",
     )
-    smooth, n = filled(mesh)
-    if len(self_intersections(smooth)) > len(self_intersections(flat)):
-        smooth = flat
-    left = surface_topology(smooth).n_boundary_edges
-    require(not left, RepairError, f"{left} open edges could not be closed without touching the surface elsewhere: close them by hand")
-    return oriented(smooth), n
+    return filled_free(mesh)
 
 
 def _uncrossed(mesh: TriangleMesh) -> tuple[TriangleMesh, int]:
-    """Crossing faces and a ring round them cut out, the holes filled, a wider ring in each round. And how many faces were cut out."""
+    """Crossing faces, and those at holes that could not be filled, cut out and the holes filled: with a wider ring round them in each round.
+
+    And how many faces were cut out.
+    """
     count = 0
     for rings in range(1, ROUNDS + 1):
-        pairs = self_intersections(mesh)
-        if not len(pairs):
-            break
+        table = edge_table(mesh.faces)
         drop = np.zeros(len(mesh.faces), bool)
-        drop[np.unique(pairs)] = True
+        drop[np.unique(self_intersections(mesh))] = True
+        drop[np.flatnonzero(table.count[table.edge_of] == 1) // 3] = True
+        if not drop.any():
+            break
         for _ in range(rings):
             near = np.zeros(len(mesh.vertices), bool)
             near[mesh.faces[drop]] = True
@@ -157,10 +186,7 @@ def _uncrossed(mesh: TriangleMesh) -> tuple[TriangleMesh, int]:
             break
         count += int(drop.sum())
         mesh = _largest(without_unused(split_fans(without_faces(mesh, drop))))
-        smooth, _ = filled(mesh)
-        flat, _ = filled(mesh, smooth=False)
-        mesh = min((smooth, flat), key=lambda trial: len(self_intersections(trial)))
-        mesh = oriented(mesh)
+        mesh = oriented(filled_free(mesh).mesh)
     return mesh, count
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scan2fea.estimation.likelihood import SectionModel
+from scan2fea.estimation.likelihood import SectionModel, bounds
 from scan2fea.estimation.uncertainty import covariance_of
 from scan2fea.kernel.section_likelihood import is_section, lines_of
 from scan2fea.kernel.sections import ROUND
@@ -43,9 +43,11 @@ class Polished(Value):
 def polished(model: SectionModel, theta: FloatArray, size_m: float, held: Mapping[str, float] | None = None) -> Polished:
     """Weighted least squares of the distances to the faces from a theta that is right within a few sigma.
 
-    Dimensions whose faces hold no points keep their value. Does not converge (and says so) where a step would make no section.
+    Dimensions whose faces hold no points keep their value. Does not converge (and says so) where a step would make no section, or one that is out of
+    all proportion to the points.
     """
     layout = model.layout
+    lower, upper = (limit[: layout.n_values] for limit in bounds(layout, size_m))
     moving = [i for i, name in enumerate(layout.names) if not name.startswith(("log", "weight")) and name not in (held or {})]
     reach = _TUKEY * layout.sigma(theta)
     floor = _FLOOR * size_m
@@ -61,7 +63,8 @@ def polished(model: SectionModel, theta: FloatArray, size_m: float, held: Mappin
         step = _solved(jacobian * weight[:, None], jacobian, residual[used])
         trial = here.copy()
         trial[moving] -= step
-        if not is_section(layout.family, layout.values(trial)):
+        values = layout.values(trial)
+        if not is_section(layout.family, values) or (values < lower).any() or (values > upper).any():
             return _failed(model, theta, face)
         here = trial
         spread = _MAD_TO_SIGMA * float(np.median(np.abs(residual[used])))

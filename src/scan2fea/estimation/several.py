@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from scan2fea.errors import EstimationError, InputError
 from scan2fea.estimation.member import MemberFit, MemberOptions, fit_member
@@ -28,6 +28,7 @@ _DIRECTIONS = 400
 _SQUARE = 0.1  # cosine to the axis below which a normal is square to it
 _DENSER = 3.0  # seen along its axis a member is so many times denser than what crosses it
 _SLENDER = 2.0
+_WITHIN = 0.9  # of the points of a piece
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -72,9 +73,19 @@ def _side_by_side(points: FloatArray, fit: MemberFit) -> IntArray | None:
     local = noise_sigma(points)  # the member's own is wide where it is the wrong one
     label, count = _pieces(xy, 4 * min(fit.member.sigma_m, local if math.isfinite(local) else math.inf))
     large = [int(k) for k in np.argsort(-count)[:2] if count[k] >= _PART * len(points)]
-    if len(large) < 2:
+    if len(large) < 2 or _is_around(xy[label == large[0]], xy[label == large[1]]) or _is_around(xy[label == large[1]], xy[label == large[0]]):
         return None
     return np.where(label == large[0], 0, np.where(label == large[1], 1, -1))
+
+
+def _is_around(outer: FloatArray, inner: FloatArray) -> bool:
+    """Whether most of one piece lies within the convex hull of the other: the two faces of a tube's wall, not members side by side."""
+    try:
+        hull = ConvexHull(outer)
+    except QhullError:
+        return False
+    inside = (inner @ hull.equations[:, :2].T + hull.equations[:, 2] < 0).all(axis=1)
+    return float(inside.mean()) > _WITHIN
 
 
 def _pieces(xy: FloatArray, least_m: float) -> tuple[IntArray, IntArray]:

@@ -81,3 +81,10 @@ def test_crossing_tubes_are_two_and_one_is_one():
     found = several_members(points, None, MemberOptions(family="RHS"))
     assert found is not None and found.how == "crossing" and "segment" in found.reason
     assert several_members(tube, fitted(tube, family="RHS")) is None
+
+
+def test_the_two_faces_of_a_wall_are_no_two_members():
+    """Seen along the axis the inner and the outer face of a tube are pieces with a gap, and each is a tube by itself."""
+    tube = member_points("RHS", {"h": 0.152, "b": 0.103, "t": 0.0073, "length": 0.848}, 9000, MemberScanOptions(noise_m=0.0004, seed=1, caps=True))
+    found = fitted(tube, family="RHS")
+    assert found.explains and several_members(tube, found) is None

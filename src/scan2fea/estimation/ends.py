@@ -19,8 +19,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import ndtr
 
+from scan2fea.kernel.edge_density import edge_levels
 from scan2fea.types import BoolArray, FloatArray, Value
 
 _WINDOW = 12.0  # noise widths on either side of an edge that its likelihood looks at: the rates need far more points than the edge itself
@@ -31,12 +31,10 @@ _DROP = 14.0  # what lies this many log units under the best is not integrated o
 _GRID = 41
 _ZOOMS = 12
 _CLUTTER = 0.5  # clutter along the axis is at most this dense against the member: else a chance gap inside it would pass for its end
-_ROUNDS = 12
 _CAP_STEPS = (-2, -1, 1, 2, 3, 4, 5)  # other caps, as powers of two of the expected one: seen worse, seen better
 _PATCH_POINTS = 15
 _RUN, _BEYOND = 3, 0.05  # bins and share of the points of a stretch beyond a gap that belongs to the member
 _TRACE = 0.03  # of the median density: what is left of a hidden stretch
-_ROOT_2PI = math.sqrt(2 * math.pi)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -210,43 +208,11 @@ def _binned(z: FloatArray, window: tuple[float, float], width: float) -> tuple[F
     return centre[counts > 0], counts[counts > 0]
 
 
-def _terms(at: FloatArray, edge: FloatArray | float, s: float) -> tuple[FloatArray, FloatArray]:
-    v = (at - edge) / s
-    return ndtr(v), np.exp(-0.5 * v * v) / (_ROOT_2PI * s)
-
-
-def _mass(window: tuple[float, float], edge: FloatArray, s: float) -> FloatArray:
-    """Integral of Phi((z - edge) / s) over the window."""
-    a, b = (window[0] - edge) / s, (window[1] - edge) / s
-    grown = b * ndtr(b) - a * ndtr(a) + (np.exp(-0.5 * b * b) - np.exp(-0.5 * a * a)) / _ROOT_2PI
-    return np.asarray(np.maximum(s * grown, 1e-9 * s))
-
-
 def _profile(
     at: FloatArray, weight: FloatArray, window: tuple[float, float], s: float, edges: FloatArray, ratio: float
 ) -> tuple[FloatArray, FloatArray]:
-    """(g,) greatest log-likelihood over the rates at each edge, and the rates (3, g): rho, c, b. The cap holds `ratio` (metres) times rho.
-
-    The expected number of points is their number at the maximum, so that one unknown is left: the share q of clutter. The likelihood is
-    concave in it; Newton's steps are kept inside a bracket.
-    """
-    step, bell = _terms(at[None, :], edges[:, None], s)
-    span, n = window[1] - window[0], float(weight.sum())
-    mass = _mass(window, edges, s) + ratio
-    member = (step + ratio * bell) / mass[:, None]
-    tilt = 1 / span - member
-    most = _CLUTTER * span / mass
-    low, high = np.zeros(len(edges)), most / (1 + most)
-    q = np.minimum(0.02, 0.5 * high)
-    for _ in range(_ROUNDS):
-        back = tilt / np.maximum(member + q[:, None] * tilt, 1e-300)
-        slope, bend = back @ weight, (back * back) @ weight
-        low, high = np.where(slope > 0, q, low), np.where(slope > 0, high, q)
-        trial = q + slope / np.maximum(bend, 1e-300)
-        q = np.where((trial > low) & (trial < high), trial, np.where(slope > 0, 0.5 * (low + high), 0.1 * high))
-    level = np.log(np.maximum(member + q[:, None] * tilt, 1e-300)) @ weight
-    rho = n * (1 - q) / mass
-    return level + n * math.log(n) - n, np.stack([rho, ratio * rho, n * q / span])
+    """(g,) greatest log-likelihood over the rates at each edge, and the rates (3, g): rho, c, b. The cap holds `ratio` (metres) times rho."""
+    return edge_levels(np.array(at), weight, window[0], window[1], s, np.array(edges), ratio, _CLUTTER)
 
 
 def _posterior(z: FloatArray, window: tuple[float, float], s: float, ratio: float | None) -> _Fit:

@@ -22,7 +22,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, PointCloud, Scan, Va
 
 _POINTS = 6_000
 _PART = 0.15  # of the points: less is no second member
-_CELL_POINTS = 4.0  # points that a cell of the section has on average where it has any
+_CELL_POINTS = 10.0  # points that a cell of the section has on average where it has any: an outline is not torn by chance
 _NEIGHBOURS = 16
 _DIRECTIONS = 400
 _SQUARE = 0.1  # cosine to the axis below which a normal is square to it

@@ -84,9 +84,9 @@ def scene_of(points: FloatArray, z_range: tuple[float, float], area_m2: float, s
     return Scene(first=first, points=chosen, z_range=z_range, area_m2=area_m2, size_m=size_m, fixed=fixed)
 
 
-def search(scene: Scene, families: Sequence[str], *, may_hide: bool = True, seed: int = 0) -> list[Candidate]:
-    """Candidates with Gaussian noise, the best of each family and way of seeing it, best first."""
-    begun = starts(scene.first, families, scene.z_range, scene.area_m2, seed)
+def search(scene: Scene, families: Sequence[str], *, may_hide: bool = True, seed: int = 0, begun: Sequence[Start] = ()) -> list[Candidate]:
+    """Candidates with Gaussian noise, the best of each family and way of seeing it, best first. begun : where to start; empty: found here."""
+    begun = [start for start in begun if start.layout.family in families] or starts(scene.first, families, scene.z_range, scene.area_m2, seed)
     risen = _risen(scene, begun)
     found = [_settled(scene, Layout(family=family), tried) for family, tried in risen.items()]
     best = min(found, key=lambda c: c.bic)

@@ -18,7 +18,7 @@ from scan2fea.estimation.canonical import canonical, turned_weight
 from scan2fea.estimation.end_view import end_view
 from scan2fea.estimation.ends import rough_ends
 from scan2fea.estimation.face_weights import seen_weights
-from scan2fea.estimation.initial import size_of
+from scan2fea.estimation.initial import Start, size_of
 from scan2fea.estimation.laws import PLAUSIBLE, law_spread, with_law_spread
 from scan2fea.estimation.likelihood import Layout, SectionModel, bounds, hull_area, model_of, prior, sigma_floor
 from scan2fea.estimation.observability import observable
@@ -124,11 +124,13 @@ def fit_section(
     *,
     fixed: Mapping[str, float] | None = None,
     z_range: tuple[float, float] | None = None,
+    begun: tuple[Start, ...] = (),
 ) -> SectionFit:
     """The likeliest section of a straight (or nearly straight) member.
 
     points : (n, 3) metres in a provisional member frame: z along the axis within a few degrees, ends included.   fixed : dimensions (m) that are
     known and not fitted.   z_range : where the section is to be fitted; None: between the ends, trimmed so that points of the caps do not count.
+    begun : places to search from, in the frame of the points; none: they are found.
     Raises InputError for fewer than 50 points, points that are not finite or lie on one line; UsageError for bad options; EstimationError where no
     family fits.
     """
@@ -142,7 +144,7 @@ def fit_section(
     where = f"z {z_used[0]:.6g} .. {z_used[1]:.6g} m"
     require(len(inside) >= MIN_POINTS, InputError, f"only {len(inside)} points lie in {where}; a section needs {MIN_POINTS}")
     scene = scene_of(inside, z_used, area, size, fixed, options.seed)
-    found = search(scene, options.families, may_hide=options.hidden_faces, seed=options.seed)
+    found = search(scene, options.families, may_hide=options.hidden_faces, seed=options.seed, begun=begun)
     if z_range is None:
         z_used = _trimmed(low, high, found[0].layout.sigma(found[0].theta))
         inside = _between(points, z_used)

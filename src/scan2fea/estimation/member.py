@@ -20,9 +20,10 @@ from scan2fea.estimation.ends import Ends, find_ends, rough_ends
 from scan2fea.estimation.explain import MIN_SLENDER, Explanation, explanation, outline_distance
 from scan2fea.estimation.fit import MIN_POINTS, FitOptions, SectionFit, fit_section
 from scan2fea.estimation.given import Given, Told, compared, joint_p_value
-from scan2fea.estimation.initial import starts
+from scan2fea.estimation.initial import Start, starts
 from scan2fea.estimation.likelihood import hull_area
 from scan2fea.estimation.observability import RESOLVED
+from scan2fea.estimation.prismatic import is_prismatic
 from scan2fea.estimation.swept import Sweep, sweep_of
 from scan2fea.estimation.systematic import face_error, thinned_spacing, widened
 from scan2fea.estimation.two_sided import blended
@@ -40,6 +41,7 @@ _SOLID = {"RHS": "rect", "C": "rect", "I": "rect", "L": "rect", "T": "rect", "CH
 _BLIND = "the sheet is thinner than two sigma of the noise; it may have been seen from one side only"
 _UNSEEN = 0.05  # points per metre against the densest face: what noise carries over from its neighbours
 _REACH = "it is only how far the scan reaches: no two faces that were seen fix it"
+_FREE_FORM = "along no axis do the points lie on the outline of a section, they fill areas: a free form, such as a sphere, and no member"
 _BLENDED = "its two faces do not stand apart: one face under wider noise explains the points too"
 _UPRIGHT = 2e-3  # slope of the section across its axis above which it is fitted again along it: the fit shears, errors grow as the square
 _RETURNS = 1
@@ -102,12 +104,15 @@ def fit_member(
     fixed : dimensions (m) that are known: they are not fitted, their contradiction by the points is tested (`p_fixed`, `given`); "length" may be
     among them.   nominal : dimensions (m) that are fitted all the same and then compared (`given`); those of other families are left out.
     Raises InputError for fewer than 50 points or points that are not finite; UsageError for bad options; EstimationError where the points lie on
-    one line or no section fits. An object that is no member comes back with `explains` False.
+    one line, no section fits, or (nothing being known) seen along no axis they lie on an outline. Other objects that are no member come back with
+    `explains` False.
     """
     points = _checked(scan)
     section_fixed = {name: value for name, value in (fixed or {}).items() if name != "length"}
     families = _families(options, section_fixed)
     axes = axes_of(points, options.seed, options.max_degree)
+    if not options.family and not fixed:
+        require(is_prismatic(points, axes, options.seed), EstimationError, _FREE_FORM)
     found = _swept(points, axes, options, families, fixed or {})
     if nominal:
         found = dataclasses.replace(found, given=(*found.given, *_beside(found, nominal)))
@@ -224,7 +229,12 @@ def _families(options: MemberOptions, fixed: Mapping[str, float]) -> tuple[str, 
 
 
 def _section(
-    points: FloatArray, axis: Axis, options: MemberOptions, families: tuple[str, ...], fixed: Mapping[str, float]
+    points: FloatArray,
+    axis: Axis,
+    options: MemberOptions,
+    families: tuple[str, ...],
+    fixed: Mapping[str, float],
+    begun: tuple[Start, ...] = (),
 ) -> SectionFit | EstimationError:
     """The section seen along one axis. A short member's axis may show no section at all: the error is kept until all axes were tried."""
     straight = axis.straightened(points)
@@ -240,7 +250,7 @@ def _section(
     )
     try:
         with np.errstate(all="ignore"):  # steps into impossible sections are refused by their likelihood
-            return fit_section(straight, fit_options, fixed=fixed)
+            return fit_section(straight, fit_options, fixed=fixed, begun=begun)
     except (EstimationError, InputError) as error:
         return EstimationError(str(error))
     except np.linalg.LinAlgError:
@@ -251,17 +261,18 @@ def _likeliest(
     points: FloatArray, axes: tuple[Axis, ...], options: MemberOptions, families: tuple[str, ...], fixed: Mapping[str, float]
 ) -> tuple[Axis, SectionFit]:
     """The axis and its section. Several axes are told apart by quick searches on few points; a box is a bar along each: the longest is its length."""
+    begun: list[tuple[Start, ...]] = [()] * len(axes)
     if len(axes) > 1:
         quick = [_quick(points, axis, families, options.seed) for axis in axes]
         order = sorted(range(len(axes)), key=lambda k: (quick[k][0], k))
         if quick[order[0]][1] == "rect":
             order.sort(key=lambda k: (quick[k][1] != "rect", axes[k].ends[0] - axes[k].ends[1]))
-        axes = tuple(axes[k] for k in order)
+        axes, begun = tuple(axes[k] for k in order), [quick[k][2] for k in order]
     failed: EstimationError | None = None
-    for axis in axes:
+    for axis, starting in zip(axes, begun, strict=True):
         # an angle of unequal legs that are given has one way to run along its axis
         ways = (axis, turned(axis)) if fixed.get("a") != fixed.get("b") else (axis,)
-        tried = [_upright(points, way, options, families, fixed) for way in ways]
+        tried = [_upright(points, way, options, families, fixed, starting if way is axis else ()) for way in ways]
         fitted = [(way, fit) for way, fit in tried if isinstance(fit, SectionFit)]
         if fitted:
             return min(fitted, key=lambda one: one[1].bic)
@@ -270,10 +281,15 @@ def _likeliest(
 
 
 def _upright(
-    points: FloatArray, axis: Axis, options: MemberOptions, families: tuple[str, ...], fixed: Mapping[str, float]
+    points: FloatArray,
+    axis: Axis,
+    options: MemberOptions,
+    families: tuple[str, ...],
+    fixed: Mapping[str, float],
+    begun: tuple[Start, ...] = (),
 ) -> tuple[Axis, SectionFit | EstimationError]:
-    """The section along an axis that is tilted until the section stands upright on it."""
-    fit = _section(points, axis, options, families, fixed)
+    """The section along an axis that is tilted until the section stands upright on it. begun : starts along the axis, where there are any."""
+    fit = _section(points, axis, options, families, fixed, begun)
     for _ in range(_RETURNS):
         slope = _slope(fit) if isinstance(fit, SectionFit) else np.zeros(2)
         if axis.bow.any() or axis.twist.any() or float(np.abs(slope).max()) < _UPRIGHT:
@@ -299,22 +315,22 @@ def _slope(fit: SectionFit) -> FloatArray:
     return np.asarray(across[:2] / across[2])
 
 
-def _quick(points: FloatArray, axis: Axis, families: tuple[str, ...], seed: int) -> tuple[float, str]:
-    """BIC per point of the density in space along an axis, comparable between axes, and the family it is of; from some hundred points."""
+def _quick(points: FloatArray, axis: Axis, families: tuple[str, ...], seed: int) -> tuple[float, str, tuple[Start, ...]]:
+    """BIC per point of the density in space along an axis, comparable between axes, the family it is of, and all starts; from some hundred points."""
     straight = axis.straightened(points)
     low, high = axis.ends
     margin = 0.1 * (high - low)
     inside = straight[(straight[:, 2] > low + margin) & (straight[:, 2] < high - margin)]
     if len(inside) < MIN_POINTS:
-        return math.inf, ""
+        return math.inf, "", ()
     try:
         found = starts(inside, families, (low + margin, high - margin), hull_area(inside[sampled_rows(len(inside), 20_000, seed), :2]), seed)
     except InputError:
-        return math.inf, ""
+        return math.inf, "", ()
     best = min(found, key=lambda one: one.bic)
     n = min(len(inside), 600)
     share = len(inside) / len(points)  # what is inside the trimmed ends is 0.8 of a member's points: caps count against an axis
-    return best.bic / n + 2 * math.log(0.8 * (high - low) / max(share, 1e-9)), best.layout.family
+    return best.bic / n + 2 * math.log(0.8 * (high - low) / max(share, 1e-9)), best.layout.family, tuple(found)
 
 
 def _free(points: FloatArray, axis: Axis, options: MemberOptions, fit: SectionFit) -> SectionFit | None:

@@ -73,12 +73,15 @@ def estimate(scan: Scan, options: MemberOptions, route: RouteOptions, known: Kno
     section = known_section(route, table) if known is None else known
     if scan.cloud.is_inferred is not None and bool((scan.cloud.is_inferred & (scan.cloud.frame >= 0)).any()):
         scan = Scan(cloud=scan.cloud.take(~scan.cloud.is_inferred | (scan.cloud.frame < 0)), rays=scan.rays)  # what fills a gap is no measurement
-    try:
-        fit = fit_member(scan, replace(options, family=section.family or options.family), section.fixed, section.nominal)
-    except (EstimationError, InputError) as error:
-        return Estimate(member=None, explains=False, reason=str(error))
     inferred = scan.cloud.is_inferred
     measured = scan.cloud.points if inferred is None else scan.cloud.points[~inferred]
+    try:
+        fit = fit_member(scan, replace(options, family=section.family or options.family), section.fixed, section.nominal)
+    except InputError as error:
+        return Estimate(member=None, explains=False, reason=str(error))
+    except EstimationError as error:
+        two = several_members(measured, None, options)
+        return Estimate(member=None, explains=False, reason=str(error) if two is None else two.reason)
     two = several_members(measured, fit, options)
     if two is not None:
         fit = replace(fit, explains=False, reason=two.reason)

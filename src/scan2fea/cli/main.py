@@ -106,7 +106,9 @@ def parser() -> argparse.ArgumentParser:
     reconstruct = commands.add_parser("reconstruct", help="the points of one file as one closed surface", allow_abbrev=False)
     reconstruct.add_argument("file", metavar="FILE")
     reconstruct.add_argument("-o", "--out", required=True, metavar="OUT", help="folder for what is made")
-    reconstruct.add_argument("--method", metavar="M", help="visibility (default), planar, scale_space [reconstruction.method]")
+    reconstruct.add_argument(
+        "--method", metavar="M", help="visibility (default), planar, advancing_front, scale_space, ball_pivoting [reconstruction.method]"
+    )
     reconstruct.add_argument("--unit", help="unit of the file where its format states none [input.unit]")
     reconstruct.add_argument(
         "--sensor-position", nargs=3, type=float, metavar=("X", "Y", "Z"), help="where the scanner stood, in the frame and unit of the file"

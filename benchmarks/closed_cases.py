@@ -1,0 +1,102 @@
+"""Seeded cases that must come out closed, manifold and free of crossings, whatever the gates say: python benchmarks/closed_cases.py [--quick].
+
+Parts with bores, walls and blobs in random poses and scales; spacing 0.35 to 0.8 of the wall, noise 0 to 0.3 of it, up to 20 % of the points taken
+away in balls, half of the cases without sensor positions. One row per case; the last line counts. Exit 1 where any surface is not sound, or where
+one that passed its gates is more than 10 % off in volume.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from predicates import moved, rotation
+from reconstruction import PARTS
+from scan2fea.errors import ReconstructionError
+from scan2fea.kernel.measures import volume
+from scan2fea.kernel.predicates import self_intersections
+from scan2fea.kernel.topology import surface_topology
+from scan2fea.reconstruction import METHODS, ReconstructionOptions, reconstruct
+from scan2fea.types import PointCloud, Scan, TriangleMesh
+from scanned import scan_of, scanned
+
+WALLS = {"plate": 0.05, "angle": 0.15, "tee": 0.08, "cylinder": 0.2, "tube": 0.07, "bracket": 0.06, "table": 0.05, "cup": 0.08, "ibeam": 0.04}
+WALLS |= {"blob": 0.2, "block": 0.2, "frame": 0.09}
+LARGEST_H = 0.04  # of the part's size of 1: thick parts are not scanned as coarsely as their wall would allow
+QUICK, ALL = 20, 200
+WRONG = 0.10
+
+
+def occluded(scan: Scan, share: float, rng: np.random.Generator) -> Scan:
+    """The scan without the points in up to three balls that hold `share` of them in all."""
+    points, sensors = scan.cloud.points, scan.sensors()
+    keep = np.ones(len(points), bool)
+    for _ in range(3):
+        middle = points[rng.integers(len(points))]
+        distance = np.linalg.norm(points - middle, axis=1)
+        keep &= distance > np.quantile(distance, share / 3)
+    return scan_of(points[keep], sensors[keep])
+
+
+def case(seed: int) -> tuple[str, TriangleMesh, Scan, dict[str, float]]:
+    rng = np.random.default_rng(seed)
+    name = list(PARTS)[seed % len(PARTS)]
+    size = float(10.0 ** rng.uniform(-2, 1))
+    truth = moved(PARTS[name](), size * rotation(seed), rng.uniform(-5, 5, 3))
+    spacing = min(float(rng.uniform(0.35, 0.8)) * WALLS[name], LARGEST_H)
+    noise, share = float(rng.choice([0.0, 0.1, 0.2, 0.3])), float(rng.choice([0.0, 0.0, 0.1, 0.2]))
+    scan, _, _ = scanned(truth, spacing * size, noise * WALLS[name] * size, seed=seed)
+    scan = occluded(scan, share, rng) if share else scan
+    blind = bool(rng.integers(2))
+    scan = Scan(cloud=PointCloud.of(scan.cloud.points)) if blind else scan
+    return name, truth, scan, {"h": spacing, "noise": noise, "hidden": share, "blind": blind}
+
+
+def row(seed: int, method: str) -> tuple[str, str]:
+    """The row of a case, and its end: "sound", "refused", "no surface", "UNSOUND" or "WRONG"."""
+    name, truth, scan, facts = case(seed)
+    head = f"{seed:4d} {name:9s} {len(scan.cloud):6d} noise {facts['noise']:.1f} hidden {facts['hidden']:.1f}"
+    head += " blind" if facts["blind"] else " seen "
+    begin = time.process_time()
+    try:
+        found = reconstruct(scan, ReconstructionOptions(method=method))
+    except ReconstructionError as error:
+        return f"{head}  no surface: {error}", "no surface"
+    seconds = time.process_time() - begin
+    topology = surface_topology(found.mesh)
+    crossing = len(self_intersections(found.mesh))
+    refused = [check.name for check in found.checks if not check.passed]
+    ratio = volume(found.mesh) / volume(truth)
+    end = "refused" if refused else "sound"
+    if not topology.is_clean or crossing:
+        end = "UNSOUND"
+    elif not refused and abs(ratio - 1) > WRONG:
+        end = "WRONG"
+    return f"{head}  volume {ratio:.3f}  crossings {crossing}  {seconds:5.1f} s  {end} {', '.join(refused)}", end
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help=f"{QUICK} cases in place of {ALL}")
+    parser.add_argument("--cases", type=int, help="so many cases")
+    parser.add_argument("--first", type=int, default=0, help="seed of the first case")
+    parser.add_argument("--method", default="visibility", choices=list(METHODS))
+    args = parser.parse_args()
+    ends: Counter[str] = Counter()
+    for seed in range(args.first, args.first + (args.cases or (QUICK if args.quick else ALL))):
+        text, end = row(seed, args.method)
+        ends[end] += 1
+        print(text, flush=True)
+    print(f"{args.method}: " + ", ".join(f"{count} {end}" for end, count in sorted(ends.items())))
+    return 1 if ends["UNSOUND"] + ends["WRONG"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

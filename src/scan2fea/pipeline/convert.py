@@ -22,6 +22,7 @@ from scan2fea.kernel.measures import face_areas, volume
 from scan2fea.kernel.noise import spacing
 from scan2fea.pipeline.config import Config
 from scan2fea.pipeline.drift import moved
+from scan2fea.pipeline.free_form import build_patches
 from scan2fea.pipeline.members import build_member, choose_route
 from scan2fea.pipeline.outputs import BREP, MEMBER, write_object
 from scan2fea.pipeline.part import Made, Part
@@ -32,7 +33,7 @@ from scan2fea.reconstruction import reconstruct
 from scan2fea.remeshing import AIM_DEG, eased, remesh, worst_dihedral
 from scan2fea.repair import repair
 from scan2fea.tetmeshing import Filled, fill
-from scan2fea.types import MEASURED, FEModel, FEResult, IntArray, Member, TetMesh, TriangleMesh
+from scan2fea.types import MEASURED, Brep, FEModel, FEResult, IntArray, Member, TetMesh, TriangleMesh
 from scan2fea.verification.limits import limits
 from scan2fea.verification.mesh import brep_checks, surface_checks, tet_checks
 from scan2fea.verification.response import response_checks
@@ -120,13 +121,15 @@ def _surface(made: Made, source: Tracked[Part], config: Config, record: Record) 
 def _solid_and_tets(made: Made, surface: Tracked[TriangleMesh], config: Config, record: Record) -> Tracked[TetMesh]:
     """The B-Rep and the tets inside it. Where these come out too flat the surface is eased there and both are made again; the best stays."""
     best: Tracked[Filled] | None = None
+    patches = build_patches(made, surface, config, record)
     limit = float(limits()["tets.min_dihedral"]["limit"])
     gentle = 0
     for attempt in range(EASINGS + 1):
         try:
-            brep = record("solid", to_brep, surface, options=config.cad, n_in=len(surface.value.faces), count=lambda b: len(b.face_names))
+            brep = Tracked(patches, "patches") if patches is not None else _facets(surface, config, record)
             made.brep = made.brep or brep.value  # kept also where no tets follow
-            filled = record("tets", fill, surface, brep, options=config.tetmeshing, n_in=len(surface.value.faces), count=lambda f: len(f.tets.tets))
+            inside = brep if patches is None else Tracked(None, "its own triangles")  # these follow the patches; their faces are too small for tets
+            filled = record("tets", fill, surface, inside, options=config.tetmeshing, n_in=len(surface.value.faces), count=lambda f: len(f.tets.tets))
         except StageError:
             if best is None:
                 raise
@@ -148,6 +151,10 @@ def _solid_and_tets(made: Made, surface: Tracked[TriangleMesh], config: Config, 
     made.tets = best.value.tets
     made.how.update(best.value.how)
     return Tracked(best.value.tets, best.key)
+
+
+def _facets(surface: Tracked[TriangleMesh], config: Config, record: Record) -> Tracked[Brep]:
+    return record("solid", to_brep, surface, options=config.cad, n_in=len(surface.value.faces), count=lambda b: len(b.face_names))
 
 
 def _shape(made: Made, source: Tracked[Part], config: Config, record: Record) -> Tracked[TriangleMesh]:

@@ -1,4 +1,4 @@
-"""`python -m scan2fea.pipeline.faces_worker JOB.npz RESULT.npz`: the solid of true faces in a process of its own.
+"""`python -m scan2fea.pipeline.faces_worker JOB.npz RESULT.npz`: the solid of true faces, or of NURBS patches, in a process of its own.
 
 Open Cascade may take minutes over surfaces that nearly touch, and now and then crashes; it cannot be interrupted from inside.
 """
@@ -11,9 +11,11 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from scan2fea.cad import CadOptions, Trued, true_solid
+from scan2fea.cad import CadOptions, Trued, patched_solid, true_solid
 from scan2fea.io.artifacts import load, save
 from scan2fea.types import FloatArray, TriangleMesh
 
@@ -30,30 +32,47 @@ def true_solid_in_child(
     """`true_solid` within `options.time_limit_s` of wall clock; where it is stopped or dies the reason says so."""
     if not options.true_faces:
         return true_solid(mesh, points, options, spacing_m=spacing_m, noise_m=noise_m, resting=resting)
+    more = {"spacing_m": spacing_m, "noise_m": noise_m, "resting": resting}
+    return _in_child({"mesh": mesh, "points": points, "options": options, "more": more}, options, "true faces")
+
+
+def patched_solid_in_child(
+    mesh: TriangleMesh, layouts: Sequence[TriangleMesh], options: CadOptions, *, spacing_m: float, noise_m: float
+) -> Trued:
+    """`patched_solid`, as above."""
+    more = {"spacing_m": spacing_m, "noise_m": noise_m}
+    return _in_child({"mesh": mesh, "layouts": tuple(layouts), "more": more}, options, "NURBS patches")
+
+
+def _in_child(task: dict[str, Any], options: CadOptions, what: str) -> Trued:
     with tempfile.TemporaryDirectory() as folder:
         job, result = Path(folder) / "job.npz", Path(folder) / "result.npz"
-        more = {"spacing_m": spacing_m, "noise_m": noise_m, "resting": resting}
-        save({"mesh": mesh, "points": points, "options": options, "more": more}, job)
+        save(task, job)
         command = [sys.executable, "-m", "scan2fea.pipeline.faces_worker", str(job), str(result)]
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
         try:
             ended = subprocess.run(command, capture_output=True, timeout=options.time_limit_s, env=environment, check=False)
         except subprocess.TimeoutExpired:
-            return Trued(brep=None, mesh=None, reason=f"the true faces took more than cad.time_limit_s = {options.time_limit_s:g} s", how={})
+            return _none(f"the {what} took more than cad.time_limit_s = {options.time_limit_s:g} s")
         if not result.exists():
             last = ended.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no message"]
-            return Trued(brep=None, mesh=None, reason=f"Open Cascade died over the true faces (code {ended.returncode}: {last[0]})", how={})
+            return _none(f"Open Cascade died over the {what} (code {ended.returncode}: {last[0]})")
         found = load(result)
-    if not isinstance(found, Trued):
-        return Trued(brep=None, mesh=None, reason="the result of the true faces could not be read", how={})
-    return found
+    return found if isinstance(found, Trued) else _none(f"the result of the {what} could not be read")
+
+
+def _none(reason: str) -> Trued:
+    return Trued(brep=None, mesh=None, reason=reason, how={})
 
 
 def main(job: Path, result: Path) -> None:
     """Do the job and save its result."""
     threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     task = load(job)
-    save(true_solid(task["mesh"], task["points"], task["options"], **task["more"]), result)
+    if "layouts" in task:
+        save(patched_solid(task["mesh"], task["layouts"], **task["more"]), result)
+    else:
+        save(true_solid(task["mesh"], task["points"], task["options"], **task["more"]), result)
 
 
 def _end_with_parent(parent: int) -> None:

@@ -107,11 +107,20 @@ def _facts(item: Item, size: Sequence[float] | None) -> Html:
         kinds += [(cad.get("n_spherical"), "spherical"), (cad.get("n_revolution"), "turned"), (cad.get("n_nurbs"), "free-form")]
         rows += [("CAD faces", f"{count(cad.get('n_faces'))} ({', '.join(f'{count(n)} {kind}' for n, kind in kinds if n)})")]
         rows += [("CAD relations", _relations(cad["snaps"]))] if cad.get("snaps") else []
-        rows += [("CAD faces are facets because", cad["reason"])] if cad.get("reason") else []
+        made_of = "free-form patches" if cad.get("patches") else "facets"
+        rows += [(f"CAD faces are {made_of} because", cad["reason"])] if cad.get("reason") else []
+        rows += [("CAD patches", _patches(cad["patches"]))] if cad.get("patches") else []
     rows += [("Elements", f"{count((item.get('volume') or {}).get('n_tets'))} {fea.get('elements', '')}")] if item.get("volume") else []
     rows += [("Material", fea["material"].get("name", "\u2013"))] if fea.get("material") else []
     rows += [("Made by", f"{item.get('route')}: {item.get('route_reason') or 'no reason given'}")]
     return facts(rows)
+
+
+def _patches(told: Mapping[str, Any]) -> str:
+    """How closely NURBS patches follow the surface, and at what angle they meet."""
+    off = f"within {millimetres(told['off_max_m'])} of the surface, 95 % within {millimetres(told['off_p95_m'])}"
+    angle = f"neighbours meet at {number(told['across_median_deg'])}\u00b0 (median), {number(told['across_max_deg'])}\u00b0 at most"
+    return f"{off}; {angle}"
 
 
 def _relations(snaps: Sequence[Mapping[str, Any]]) -> str:

@@ -1,0 +1,195 @@
+"""Solids of NURBS patches: bicubic B-splines by least squares on a layout of quads, borders first, so that neighbours share them exactly.
+
+Every patch has the same knots and the same places of its points: its fit is one product with a constant matrix (Piegl and Tiller, The NURBS Book,
+1997, section 9.4). Neighbours meet without a gap (G0); at what angle is measured and told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from scan2fea.cad.brep import OCC_RESOLUTION_M
+from scan2fea.cad.live import is_valid, moved_by, parts, pnt, volume_of
+from scan2fea.cad.quads import SAMPLES, Quads, quads_on
+from scan2fea.cad.readback import read_back
+from scan2fea.cad.solid import Trued
+from scan2fea.cad.step_occ import named, step_of_solid
+from scan2fea.errors import CadError
+from scan2fea.kernel.distances import PointToMesh
+from scan2fea.kernel.measures import face_normals
+from scan2fea.kernel.measures import volume as enclosed_volume
+from scan2fea.kernel.nurbs import basis, basis_slopes
+from scan2fea.types import Brep, FloatArray, TriangleMesh, Value
+from scan2fea.units import MILLIMETRES_PER_METRE
+
+DEGREE, SPANS = 3, 3
+KNOTS = np.concatenate([np.zeros(DEGREE), np.linspace(0, 1, SPANS + 1), np.ones(DEGREE)])  # the same backwards: borders run either way
+VOLUME_OFF = 0.005  # of the surface's: what verification takes
+FOLDED = 0.2  # cosine between a patch and the surface under it: less is a fold
+SEWING_MM = 1e-4  # borders are equal; a larger tolerance would hide that they are not
+READS_BACK = 1e-6
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Patched(Value):
+    """controls : (q, n, n, 3) control points.   off_m : largest distance to the surface, both ways.   p95_m.   across_deg : (e,) angle at the middle
+    of every border between its patches.
+    """
+
+    controls: FloatArray
+    off_m: float
+    p95_m: float
+    across_deg: FloatArray
+
+
+def patched_solid(mesh: TriangleMesh, layouts: Sequence[TriangleMesh], *, spacing_m: float, noise_m: float) -> Trued:
+    """The solid of NURBS patches of a smooth closed surface, on the first of some layouts (closed coarse meshes near it) that is close enough.
+
+    spacing_m : of the measured points.   noise_m : left in the vertices of `mesh`. Nothing is raised where there is none: `reason` says why.
+    """
+    limit = tolerance(spacing_m, noise_m)
+    reason = "there is no layout of quads"
+    for coarse in layouts:
+        found = patches_of(quads_on(coarse, mesh), mesh)
+        if found is None:
+            reason = f"quads on {len(coarse.faces)} triangles fold over"
+            continue
+        if found.off_m > limit:
+            reason = f"{len(found.controls)} NURBS patches lie up to {found.off_m * 1e3:.3g} mm off the surface (limit {limit * 1e3:.3g} mm)"
+            continue
+        made = _solid(found, mesh)
+        if made.brep is not None:
+            return made
+        reason = made.reason
+    return Trued(brep=None, mesh=None, reason=reason, how={})
+
+
+def tolerance(spacing_m: float, noise_m: float) -> float:
+    """How far patches may lie from the surface: three standard deviations of its noise and a quarter of the spacing, between whose points it is a
+    guess.
+    """
+    return 3.0 * noise_m + 0.25 * spacing_m
+
+
+def patches_of(quads: Quads, mesh: TriangleMesh) -> Patched | None:
+    """Least squares on every border, then inside; None where a patch folds over."""
+    at = np.linspace(0, 1, SAMPLES)
+    value = basis(KNOTS, DEGREE, at)
+    inside = np.linalg.pinv(value[1:-1, 1:-1])
+    ends = value[1:-1][:, [0, -1]]
+    border = np.empty((len(quads.curves), value.shape[1], 3))
+    border[:, [0, -1]] = quads.curves[:, [0, -1]]
+    border[:, 1:-1] = inside @ (quads.curves[:, 1:-1] - ends @ border[:, [0, -1]])
+    low, right, top, left = (border[quads.sides[:, k]] for k in range(4))
+    control = np.zeros((len(quads.grids), value.shape[1], value.shape[1], 3))
+    control[:, :, 0], control[:, -1], control[:, :, -1], control[:, 0] = low, right, top, left
+    rest = quads.grids - np.einsum("ui,vj,qijc->quvc", value, value, control, optimize=True)
+    control[:, 1:-1, 1:-1] = np.einsum("iu,jv,quvc->qijc", inside, inside, rest[:, 1:-1, 1:-1], optimize=True)
+    return _measured(control, quads, mesh)
+
+
+def _measured(control: FloatArray, quads: Quads, mesh: TriangleMesh) -> Patched | None:
+    at = np.linspace(0, 1, 2 * SAMPLES - 1)
+    value, slope = basis(KNOTS, DEGREE, at), basis_slopes(KNOTS, DEGREE, at)
+    points = np.einsum("ui,vj,qijc->quvc", value, value, control, optimize=True)
+    du, dv = np.einsum("ui,vj,qijc->quvc", slope, value, control, optimize=True), np.einsum("ui,vj,qijc->quvc", value, slope, control, optimize=True)
+    normal = np.cross(du, dv)
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-300)
+    under = PointToMesh(mesh).nearest(points.reshape(-1, 3))
+    if np.einsum("ij,ij->i", normal.reshape(-1, 3), face_normals(mesh)[under.face]).min() < FOLDED:
+        return None
+    back = PointToMesh(_triangles(points)).nearest(mesh.vertices).distance
+    middle, end = SAMPLES - 1, 2 * SAMPLES - 2
+    on_side = np.stack([normal[:, middle, 0], normal[:, end, middle], normal[:, middle, end], normal[:, 0, middle]], axis=1).reshape(-1, 3)
+    pair = np.argsort(quads.sides.ravel(), kind="stable").reshape(-1, 2)  # every border has two patches
+    cosine = np.einsum("ij,ij->i", on_side[pair[:, 0]], on_side[pair[:, 1]])
+    off = np.concatenate([under.distance, back])
+    return Patched(
+        controls=control, off_m=float(off.max()), p95_m=float(np.percentile(off, 95)), across_deg=np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    )
+
+
+def _triangles(points: FloatArray) -> TriangleMesh:
+    """The grids (q, s, s, 3) as triangles, patch by patch."""
+    q, s = points.shape[:2]
+    i, j = (a.ravel() for a in np.meshgrid(np.arange(s - 1), np.arange(s - 1), indexing="ij"))
+    a = i * s + j
+    one = np.concatenate([np.stack([a, a + s, a + s + 1], 1), np.stack([a, a + s + 1, a + 1], 1)])
+    return TriangleMesh(vertices=points.reshape(-1, 3), faces=(one + s * s * np.arange(q)[:, None, None]).reshape(-1, 3).astype(np.int64))
+
+
+def _solid(found: Patched, mesh: TriangleMesh) -> Trued:
+    """Sewn, proved, written and read back."""
+    middle = (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2
+    solid = sewn((found.controls - middle) * MILLIMETRES_PER_METRE)
+    if solid is None or not is_valid(solid):
+        return _none("the NURBS patches close no valid solid")
+    placed = moved_by(solid, middle * MILLIMETRES_PER_METRE)
+    try:
+        text, numbers = step_of_solid(placed, OCC_RESOLUTION_M)
+        back = read_back(text)
+    except CadError as error:
+        return _none(str(error))
+    wanted, volume = enclosed_volume(mesh), volume_of(placed) / MILLIMETRES_PER_METRE**3
+    if abs(volume / wanted - 1) > VOLUME_OFF:
+        return _none(f"the NURBS patches hold {volume / wanted - 1:+.2%} of the volume of the surface more")
+    sound = back.is_valid and back.n_solids == 1 and back.n_free_edges == 0 and len(back.face_area) == len(found.controls)
+    if not (sound and abs(back.volume_m3 / volume - 1) < READS_BACK):
+        return _none("the STEP file of NURBS patches does not read back as the solid that was written")
+    n = len(back.face_area)
+    width = max(2, len(str(n)))
+    names = tuple(f"FACE_{k + 1:0{width}d}_NURBS" for k in range(n))
+    brep = Brep(
+        step=named(text, numbers, names), face_names=names, face_kinds=("nurbs",) * n, region_of_face=np.arange(n),
+        facet_of_face=np.full(n, -1, np.int64), volume_m3=back.volume_m3, area_m2=back.area_m2, is_valid=back.is_valid, n_solids=back.n_solids,
+        n_free_edges=back.n_free_edges, face_centre=back.face_centre, face_area=back.face_area,
+    )  # fmt: skip
+    angles = found.across_deg
+    how = {
+        "faces": {"nurbs": n}, "off_max_m": found.off_m, "off_p95_m": found.p95_m,
+        "across_median_deg": float(np.median(angles)), "across_p95_deg": float(np.percentile(angles, 95)), "across_max_deg": float(angles.max()),
+    }  # fmt: skip
+    return Trued(brep=brep, mesh=None, reason="", how=how)
+
+
+def _none(reason: str) -> Trued:
+    return Trued(brep=None, mesh=None, reason=reason, how={})
+
+
+def sewn(controls: FloatArray) -> Any | None:
+    """One solid of the patches (q, n, n, 3), millimetres; None where they do not close it."""
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace, BRepBuilderAPI_MakeSolid, BRepBuilderAPI_Sewing
+    from OCP.BRepLib import BRepLib
+    from OCP.TopAbs import TopAbs_SHELL
+    from OCP.TopoDS import TopoDS
+
+    sewing = BRepBuilderAPI_Sewing(SEWING_MM)
+    for control in controls:
+        sewing.Add(BRepBuilderAPI_MakeFace(_surface(control), SEWING_MM).Face())
+    sewing.Perform()
+    shells = parts(sewing.SewedShape(), TopAbs_SHELL)
+    if len(shells) != 1 or sewing.NbFreeEdges():
+        return None
+    solid = BRepBuilderAPI_MakeSolid(TopoDS.Shell(shells[0])).Solid()
+    BRepLib.OrientClosedSolid_s(solid)
+    return solid
+
+
+def _surface(control: FloatArray) -> Any:
+    from OCP.collections import Array1_double, Array1_int, Array2_gp_Pnt
+    from OCP.Geom import Geom_BSplineSurface
+
+    n = control.shape[0]
+    poles = Array2_gp_Pnt(1, n, 1, n)
+    for i in range(n):
+        for j in range(n):
+            poles.SetValue(i + 1, j + 1, pnt(control[i, j]))
+    knots, times = Array1_double(1, SPANS + 1), Array1_int(1, SPANS + 1)
+    for k, value in enumerate(np.linspace(0, 1, SPANS + 1)):
+        knots.SetValue(k + 1, float(value))
+        times.SetValue(k + 1, DEGREE + 1 if k in (0, SPANS) else 1)
+    return Geom_BSplineSurface(poles, knots, knots, times, times, DEGREE, DEGREE)

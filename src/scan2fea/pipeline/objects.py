@@ -44,6 +44,12 @@ def parts_of(scene: Scene, segments: Segments, chosen: Selection, config: Config
     return parts
 
 
+def with_faces(scene: Scene, segments: Segments) -> frozenset[int]:
+    """Labels of the segments that came with faces."""
+    labels = segments.labels[np.isin(scene.scan.cloud.frame, [m.frame for m in scene.meshes])]
+    return frozenset(np.unique(labels[labels >= 0]).tolist())
+
+
 def convert_all(parts: Sequence[Part], out: Path, config: Config, resume: bool, say: Say) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Rows of objects[] and of stages[], in the order of the parts."""
     keep = out / KEEP / "objects"

@@ -22,7 +22,7 @@ from scan2fea.pipeline.assigned import assigned, resolved
 from scan2fea.pipeline.config import Config, to_toml
 from scan2fea.pipeline.frames import trajectory_of_all
 from scan2fea.pipeline.labels import edited, labels_text, read_rows
-from scan2fea.pipeline.objects import convert_all, parts_of
+from scan2fea.pipeline.objects import convert_all, parts_of, with_faces
 from scan2fea.pipeline.outputs import write_assembly, write_members
 from scan2fea.pipeline.record import KEEP, Record, Say, Tracked, key_of
 from scan2fea.pipeline.results import assumed_unit, finite_tree, input_row, run_report
@@ -55,7 +55,7 @@ def run(
         scene = record("clean", clean, scene, options=config.filtering, n_in=_n_points(scene.value), count=_n_points)
         found = record("segment", segment, scene, options=config.segmentation, n_in=_n_points(scene.value), count=lambda s: len(s.kinds))
         segments = _edited(out, found, scene.value, resume)
-        chosen = select(scene.value.scan.cloud, segments, config.select)
+        chosen = select(scene.value.scan.cloud, segments, config.select, with_faces(scene.value, segments))
         parts = parts_of(scene.value, segments, chosen, config)
         named = assigned(known, {part.id: part.scan.cloud.points for part in parts}, scene.value.shift_m)
         _write_scene(out, rows, scene.value, segments)

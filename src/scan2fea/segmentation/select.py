@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -25,9 +25,10 @@ class Selection:
     why: Mapping[int, str] = field(default_factory=dict)
 
 
-def select(cloud: PointCloud, segments: Segments, options: SelectOptions = SelectOptions()) -> Selection:
+def select(cloud: PointCloud, segments: Segments, options: SelectOptions = SelectOptions(), given: Collection[int] = ()) -> Selection:
     """The segments of the wanted kinds that have enough points, largest first.
 
+    given : labels of segments that came with faces: of those no number of points is too few, for the vertices of a mesh do not tell its size.
     The order depends on the points alone: by number of points, descending, then by the first point.
     """
     n = len(segments.kinds)
@@ -37,10 +38,11 @@ def select(cloud: PointCloud, segments: Segments, options: SelectOptions = Selec
     order = sorted((label for label in range(n) if counts[label]), key=lambda label: (-counts[label], first[label]))
     wanted = [label for label in order if segments.kinds[label] in options.kinds]
     least = max(float(options.min_points), options.min_share * max((counts[label] for label in wanted), default=0))
-    chosen = [label for label in wanted if counts[label] >= least]
+    enough = {label: bool(counts[label] >= least or label in given) for label in wanted}
+    chosen = [label for label in wanted if enough[label]]
     left_out = {f"of kind {kind}": [label for label in order if segments.kinds[label] == kind] for kind in KINDS if kind not in options.kinds}
     few = f"with fewer than {round(least)} points (select.min_points, select.min_share)"
-    left_out[few] = [label for label in wanted if counts[label] < least]
+    left_out[few] = [label for label in wanted if not enough[label]]
     left_out[f"beyond select.max_objects = {options.max_objects}"] = chosen[options.max_objects :]
     why = {label: f"not modelled: {reason}" for reason, labels in left_out.items() for label in labels}
     labels = tuple(chosen[: options.max_objects])

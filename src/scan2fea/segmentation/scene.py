@@ -13,13 +13,14 @@ from scan2fea.segmentation.euclidean import euclidean
 from scan2fea.segmentation.fuzzy_cmeans import fuzzy_cmeans
 from scan2fea.segmentation.given import given
 from scan2fea.segmentation.kmeans import kmeans
+from scan2fea.segmentation.members import members
 from scan2fea.segmentation.options import SegmentationOptions
 from scan2fea.segmentation.planes import PlaneFinder
 from scan2fea.segmentation.radius import link_radius
 from scan2fea.segmentation.scenes import things_of
 from scan2fea.segmentation.single import single
 from scan2fea.segmentation.supports import Supports, find_supports
-from scan2fea.types import IntArray, PointCloud, Scan, Segments
+from scan2fea.types import FloatArray, IntArray, PointCloud, Scan, Segments
 
 Method = Callable[[PointCloud, SegmentationOptions], IntArray]
 
@@ -59,8 +60,19 @@ def segment_scene(scan: Scan, options: SegmentationOptions = SegmentationOptions
         pieces = [(thing.rows, thing.kind) for thing in things]
     else:
         pieces = [(rows, "object") for rows in clusters]
+    if options.members and options.method == "euclidean":
+        pieces = _by_members(cloud.points, pieces, options)
     how = {"method": options.method, "radius_m": own_radius, "n_supports": len(supports.planes), "n_things": len(pieces)}
     return _numbered(supports, pieces, how)
+
+
+def _by_members(points: FloatArray, pieces: list[tuple[IntArray, str]], options: SegmentationOptions) -> list[tuple[IntArray, str]]:
+    """The same, with objects that are made of several members cut into these."""
+    out: list[tuple[IntArray, str]] = []
+    for rows, kind in pieces:
+        labels = members(points[rows], options.seed, options.min_points) if kind == "object" else np.zeros(len(rows), np.int64)
+        out += [(rows[labels == label], kind) for label in range(int(labels.max(initial=-1)) + 1)]
+    return out
 
 
 def _numbered(supports: Supports, pieces: list[tuple[IntArray, str]], how: Mapping[str, object]) -> Segments:

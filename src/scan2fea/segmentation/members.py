@@ -1,0 +1,322 @@
+"""Members that touch, told apart: a frame, a truss, a beam on its column is one piece of a cloud but several objects of a structure.
+
+1. Every point takes the direction in which its surface runs farthest (`sweeps`); neighbours of one direction make a piece.
+2. A piece is cut where its section stops being there and another member passes: two beams in line on both sides of a column are two.
+3. Pieces that lie along each other, or go on in line with the same section, are one member: the flanges and the web of a haunched beam, a bar that
+   an obstacle hides in part.
+4. What is left (ends, stiffeners, bolts, plates of a joint) goes to the member it lies on; what sticks out is an object of its own.
+
+A cluster falls apart only if it is mostly made of members, and of two or more that are long: a table, a vessel on legs, a tee of two stubs stay
+whole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from scan2fea.kernel.neighbors import k_nearest, radius_components
+from scan2fea.kernel.noise import noise_sigma, spacing
+from scan2fea.kernel.normals import pca_normals
+from scan2fea.kernel.spanning_tree import tree_parts
+from scan2fea.kernel.voxels import voxel_mean
+from scan2fea.segmentation.sweeps import GAP, SLICE, across, directions, refined_axis, run_lengths, slice_profile
+from scan2fea.types import BoolArray, FloatArray, IntArray, Value
+
+LONG = 6.0  # a member's length over the larger side of its section, for a cluster to fall apart because of it
+_STUB = 2.5  # the same for what else becomes a member once it does
+_EXPLAINED = 0.6  # of the points must lie on long members
+_MOST = 40_000  # points that are looked at
+_LEAST = 300
+_NORMAL_NEIGHBOURS = 16
+_DISTINCT = 0.9994  # cosine of 2 degrees
+_NEARLY = 0.8  # of the longest run: of such directions the one of most points is taken
+_LEAST_PIECE = 3 * _NORMAL_NEIGHBOURS
+_TAIL = 0.01  # of the points may lie outside a member's box at each side
+_LINK = 3.5  # spacings: neighbours on one surface (radius.link_radius)
+_ALONG = 0.5  # of its length that a piece lies along another to be one with it
+_IN_LINE = 0.97  # cosine of 14 degrees
+_ALIKE = 1.35  # ratio of widths that still is the same section
+_EMPTY = 0.75  # of its usual share: less, and the section is not there
+_SHORT, _INSIDE = 0.25, 0.8  # a piece of less than a quarter of the length must lie within the other's box to be one with it
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Thin(Value):
+    """Points (n, 3) of even density h, their normals, and the point (m,) that stands for each given one."""
+
+    points: FloatArray
+    normals: FloatArray
+    h: float
+    of_point: IntArray
+
+
+def members(points: FloatArray, seed: int = 0, min_points: int = 100) -> IntArray:
+    """(n,) labels from 0 of the members that one connected cluster (n, 3) is made of; all 0 where it is one object."""
+    whole = np.zeros(len(points), np.int64)
+    if len(points) < _LEAST:
+        return whole
+    thin = _thinned(points, seed)
+    if thin is None:
+        return whole
+    piece, axes = _pieces(thin, seed)
+    piece = _cut(thin, piece, axes)
+    group = _joined(thin, piece)
+    chosen = _members_of(thin, group)
+    if chosen is None:
+        return whole
+    member, extents = chosen
+    labels = _filled(thin, _run_through(thin, member, extents), extents)[thin.of_point]
+    counts = np.bincount(labels)
+    if (counts < min_points).any():
+        large = counts >= min_points
+        if large.sum() < 2:
+            return whole
+        rows = np.flatnonzero(large[labels])
+        labels = labels[rows[k_nearest(points[rows], 1, points)[1][:, 0]]]
+    return np.unique(labels, return_inverse=True)[1].astype(np.int64)
+
+
+def _thinned(points: FloatArray, seed: int) -> _Thin | None:
+    """Means of voxels as wide as the points lie apart, or twice their noise; wider where that leaves too many."""
+    h, sigma = spacing(points, seed), noise_sigma(points, seed=seed)
+    if not h > 0:
+        return None
+    edge = max(h, 2.0 * sigma) if np.isfinite(sigma) else h
+    cells = voxel_mean(points - points.min(axis=0), edge)
+    for _ in range(6):
+        if len(cells.mean) <= _MOST:
+            break
+        edge *= 1.05 * float(np.sqrt(len(cells.mean) / _MOST))
+        cells = voxel_mean(points - points.min(axis=0), edge)
+    if len(cells.mean) < _LEAST:
+        return None
+    xyz = cells.mean
+    return _Thin(points=xyz, normals=pca_normals(xyz, _NORMAL_NEIGHBOURS), h=spacing(xyz, seed), of_point=cells.cell_of_point)
+
+
+def _pieces(thin: _Thin, seed: int) -> tuple[IntArray, FloatArray]:
+    """Piece (n,) of each point, -1 none, and the axis (p, 3) of each. Twice: the axes of the first pieces are better directions than votes."""
+    axes = directions(thin.points, thin.normals, thin.h, seed)
+    piece, which = np.full(len(thin.points), -1, np.int64), axes
+    for _ in range(2):
+        if not len(axes):
+            break
+        runs = np.stack([run_lengths(thin.points, thin.normals, axis, thin.h) for axis in axes])
+        longest = runs.max(axis=0)
+        own = np.where(longest >= 2.0 * GAP * thin.h, (runs >= _NEARLY * longest).argmax(axis=0), -1)  # of axes that do as well the first
+        piece, which = _connected(thin, own, axes)
+        axes = _distinct(which, np.bincount(piece[piece >= 0], minlength=len(which)))
+    return piece, which
+
+
+def _connected(thin: _Thin, own: IntArray, axes: FloatArray) -> tuple[IntArray, FloatArray]:
+    piece = np.full(len(thin.points), -1, np.int64)
+    which: list[FloatArray] = []
+    for d in range(len(axes)):
+        rows = np.flatnonzero(own == d)
+        if not len(rows):
+            continue
+        part = radius_components(thin.points[rows], _LINK * thin.h)
+        for label in np.flatnonzero(np.bincount(part) >= _LEAST_PIECE):
+            mine = rows[part == label]
+            piece[mine] = len(which)
+            which.append(refined_axis(thin.points[mine], thin.normals[mine], axes[d]))
+    return piece, np.array(which).reshape(-1, 3)
+
+
+def _distinct(axes: FloatArray, weight: IntArray) -> FloatArray:
+    """The axes that differ by two degrees or more, those of most points first; at most 48."""
+    kept: list[FloatArray] = []
+    for i in np.argsort(-weight, kind="stable"):
+        if all(abs(float(axes[i] @ other)) < _DISTINCT for other in kept):
+            kept.append(axes[i])
+        if len(kept) == 48:
+            break
+    return np.array(kept).reshape(-1, 3)
+
+
+def _cut(thin: _Thin, piece: IntArray, axes: FloatArray) -> IntArray:
+    """Pieces without the slices where their section is not there because another piece passes: cut in two there, or shortened at an end."""
+    out = np.full(len(piece), -1, np.int64)
+    count = 0
+    for p in range(len(axes)):
+        rows = np.flatnonzero(piece == p)
+        share, at = slice_profile(thin.points[rows], axes[p], thin.h)
+        empty = share < _EMPTY * float(np.median(share))
+        label, n_zones = ndimage.label(empty)
+        for zone in range(1, n_zones + 1):
+            slices = np.flatnonzero(label == zone)
+            if not _passes(thin, rows, piece, axes, p, (int(slices[0]), int(slices[-1]) + 1)):
+                empty[slices] = False
+        part, n_parts = ndimage.label(~empty)
+        own = part[at] - 1
+        out[rows[own >= 0]] = count + own[own >= 0]
+        count += n_parts
+    return out
+
+
+def _passes(thin: _Thin, rows: IntArray, piece: IntArray, axes: FloatArray, p: int, gap: tuple[int, int]) -> bool:
+    """Whether a piece of another direction goes through the section of piece p between two of its slices."""
+    axis = axes[p]
+    u, v = across(axis)
+    z0 = float((thin.points[rows] @ axis).min())
+    low, high = z0 + gap[0] * SLICE * thin.h, z0 + gap[1] * SLICE * thin.h
+    flat = np.stack([thin.points @ u, thin.points @ v], 1)
+    box_low, box_high = flat[rows].min(axis=0) + thin.h, flat[rows].max(axis=0) - thin.h  # what only rests on it does not pass
+    z = thin.points @ axis
+    inside = (z >= low - thin.h) & (z <= high + thin.h) & ((flat >= box_low) & (flat <= box_high)).all(axis=1) & (piece >= 0) & (piece != p)
+    if not inside.any():
+        return False
+    others, counts = np.unique(piece[inside], return_counts=True)
+    return any(n >= _NORMAL_NEIGHBOURS and abs(float(axes[q] @ axis)) < _IN_LINE for q, n in zip(others, counts, strict=True))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Extent(Value):
+    """The box of a group. frame : (3, 3) rows, two across and the axis.   middle : (3,).   low, high : (3,) in the frame about the middle."""
+
+    frame: FloatArray
+    middle: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+    @property
+    def axis(self) -> FloatArray:
+        return np.asarray(self.frame[2])
+
+    @property
+    def length(self) -> float:
+        return float(self.high[2] - self.low[2])
+
+    @property
+    def width(self) -> float:
+        """The larger side of the section."""
+        return float(max((self.high - self.low)[:2].max(), 1e-12))
+
+    @property
+    def ends(self) -> tuple[FloatArray, FloatArray]:
+        """Where the axis begins and ends."""
+        return self.middle + self.low[2] * self.axis, self.middle + self.high[2] * self.axis
+
+    def holds(self, points: FloatArray, margin: float) -> BoolArray:
+        """(n,) which points are in the box, widened by the margin."""
+        local = (points - self.middle) @ self.frame.T
+        inside: BoolArray = ((local >= self.low - margin) & (local <= self.high + margin)).all(axis=1)
+        return inside
+
+
+def _extent(points: FloatArray, normals: FloatArray) -> _Extent:
+    middle = points.mean(axis=0)
+    centred = points - middle
+    axis = refined_axis(points, normals, np.linalg.eigh(centred.T @ centred)[1][:, 2])
+    u, v = across(axis)
+    flat = np.stack([centred @ u, centred @ v], 1)
+    turn = np.linalg.eigh(flat.T @ flat)[1]
+    frame = np.stack([turn[0, 0] * u + turn[1, 0] * v, turn[0, 1] * u + turn[1, 1] * v, axis])
+    low, high = np.quantile(centred @ frame.T, [_TAIL, 1.0 - _TAIL], axis=0)
+    return _Extent(frame=frame, middle=middle, low=low, high=high)
+
+
+def _joined(thin: _Thin, piece: IntArray) -> IntArray:
+    """Pieces that lie along each other become one, and pieces in line with the same section between which nothing passes; twice, as they grow."""
+    for _ in range(2):
+        used, packed = np.unique(piece[piece >= 0], return_inverse=True)
+        n = len(used)
+        if n < 2:
+            return piece
+        group = np.full(len(piece), -1, np.int64)
+        group[piece >= 0] = packed
+        extents = [_extent(thin.points[group == g], thin.normals[group == g]) for g in range(n)]
+        edges = _side_by_side(thin, group, extents)
+        if not edges:
+            return group
+        parts = tree_parts(np.array(edges, np.int64).reshape(-1, 2), n)
+        piece = np.where(group >= 0, parts[group], -1)
+    return piece
+
+
+def _side_by_side(thin: _Thin, group: IntArray, extents: list[_Extent]) -> list[tuple[int, int]]:
+    """Pairs of which the shorter lies along the other over half its length, or which go on in line."""
+    distance, near = k_nearest(thin.points, 32)
+    i, j = np.nonzero(distance <= _LINK * thin.h)
+    a, b = group[i], group[near[i, j]]
+    ok = (a >= 0) & (b >= 0) & (a != b)
+    i, a, b = i[ok], a[ok], b[ok]
+    axes = np.array([e.axis for e in extents])
+    at = np.floor(np.einsum("nc,nc->n", thin.points[i], axes[a]) / (GAP * thin.h)).astype(np.int64)
+    rows = np.unique(np.stack([a, b, at], 1), axis=0)
+    pairs, slices = np.unique(rows[:, :2], axis=0, return_counts=True)
+    edges = []
+    along: dict[int, tuple[int, float, int]] = {}  # each piece lies along one other, the one it touches most: else it would bridge two members
+    for (p, q), n in zip(pairs.tolist(), slices.tolist(), strict=True):
+        one, other = extents[p], extents[q]
+        is_along = one.length <= other.length and n * GAP * thin.h >= _ALONG * one.length
+        if is_along and one.length < _SHORT * other.length:  # a stiffener is part of the member, a bracket on its face is not
+            is_along = bool(other.holds(thin.points[group == p], _LINK * thin.h).mean() >= _INSIDE)
+        if is_along:
+            along[p] = max(along.get(p, (0, 0.0, 0)), (n, other.length, q))
+        elif p < q and _in_line(one, other):
+            edges.append((p, q))
+    return edges + [(p, q) for p, (_, _, q) in along.items()]
+
+
+def _in_line(one: _Extent, other: _Extent) -> bool:
+    """Whether one goes on where the other ends, with the same section."""
+    gap = min(float(np.linalg.norm(p - q)) for p in one.ends for q in other.ends)
+    is_alike = 1 / _ALIKE <= one.width / other.width <= _ALIKE
+    return is_alike and abs(float(one.axis @ other.axis)) >= _IN_LINE and gap <= 0.5 * max(one.width, other.width)
+
+
+def _members_of(thin: _Thin, group: IntArray) -> tuple[IntArray, list[_Extent]] | None:
+    """Number (n,) of the member that each point lies on, -1 none, and the boxes; None where the cluster is not made of two long ones or more."""
+    out = np.full(len(group), -1, np.int64)
+    extents: list[_Extent] = []
+    n_long, explained = 0, 0
+    for g in range(int(group.max(initial=-1)) + 1):
+        rows = np.flatnonzero(group == g)
+        if len(rows) < _LEAST_PIECE:
+            continue
+        extent = _extent(thin.points[rows], thin.normals[rows])
+        if extent.length < _STUB * extent.width:
+            continue
+        out[rows] = len(extents)
+        extents.append(extent)
+        if extent.length >= LONG * extent.width:
+            n_long, explained = n_long + 1, explained + len(rows)
+    return (out, extents) if n_long >= 2 and explained >= _EXPLAINED * len(group) else None
+
+
+def _run_through(thin: _Thin, member: IntArray, extents: list[_Extent]) -> IntArray:
+    """Members (n,) where points at joints go to the one that runs through.
+
+    A point in the box of a member and in a run of half its length is that member's; of several the one whose ends are farther away: the web of a column
+    may be in one plane with that of the beam that ends at it.
+    """
+    out, best = member.copy(), np.zeros(len(member))
+    for k, extent in enumerate(extents):
+        inside = np.flatnonzero(extent.holds(thin.points, 0.5 * thin.h))
+        runs = run_lengths(thin.points[inside], thin.normals[inside], extent.axis, thin.h)
+        z = (thin.points[inside] - extent.middle) @ extent.axis
+        from_ends = np.minimum(z - extent.low[2], extent.high[2] - z)
+        own = (runs >= _ALONG * extent.length) & (from_ends > best[inside])
+        out[inside[own]], best[inside[own]] = k, from_ends[own]
+    return out
+
+
+def _filled(thin: _Thin, member: IntArray, extents: list[_Extent]) -> IntArray:
+    """Labels (n,) without gaps: what is left goes to the nearest member; a connected part that sticks out of all is an object of its own."""
+    labels = member.copy()
+    left = np.flatnonzero(member < 0)
+    on = np.flatnonzero(member >= 0)
+    if not len(left):
+        return labels
+    labels[left] = member[on[k_nearest(thin.points[on], 1, thin.points[left])[1][:, 0]]]
+    out = left[~np.any([extent.holds(thin.points[left], thin.h) for extent in extents], axis=0)]
+    if len(out):
+        part = radius_components(thin.points[out], _LINK * thin.h)
+        for p in np.flatnonzero(np.bincount(part) >= _LEAST_PIECE):
+            labels[out[part == p]] = int(labels.max()) + 1
+    return labels

@@ -1,0 +1,158 @@
+"""Members that touch fall apart; what is one body stays one; directions and runs against closed forms."""
+
+import numpy as np
+import pytest
+
+from scan2fea.kernel.distances import sample_surface
+from scan2fea.kernel.measures import area
+from scan2fea.kernel.transforms import random_rotation, rigid, rotation_about
+from scan2fea.registration import joined
+from scan2fea.segmentation import SegmentationOptions, segment_scene
+from scan2fea.segmentation.members import members
+from scan2fea.segmentation.metrics import adjusted_rand, agreement
+from scan2fea.segmentation.sweeps import GAP, directions, refined_axis, run_lengths, slice_profile
+from scan2fea.simulation import shapes
+from scan2fea.simulation.shape_kinds import KINDS
+from scan2fea.simulation.stations import StationsOptions, scan_stations
+from scan2fea.simulation.touching import is_member, stations_around, touching_room
+
+H = 0.01
+
+
+def sampled(mesh, seed=0, h=H, sigma=0.001):
+    points, _ = sample_surface(mesh, round(area(mesh) * (0.978 / h) ** 2), seed)
+    return points + sigma * np.random.default_rng(seed).standard_normal(points.shape)
+
+
+def portal():
+    """A post, a beam that ends on its side and one that lies across on top: 0, 1, 2."""
+    post = shapes.rhs(0.12, 0.12, 0.008, 1.5)
+    beam = shapes.posed(shapes.i_beam(0.16, 0.08, 0.008, 0.01, 1.4), rigid(rotation_about((1, 0, 0), -np.pi / 2), (0.0, 0.0605, 0.9)))
+    top = shapes.posed(shapes.l_beam(0.09, 0.09, 0.009, 1.6), rigid(rotation_about((0, 1, 0), np.pi / 2), (-0.8, 0.0, 1.59)))
+    parts = [sampled(mesh, k) for k, mesh in enumerate((post, beam, top))]
+    return np.concatenate(parts), np.repeat(np.arange(3), [len(p) for p in parts])
+
+
+# ---- directions and runs
+
+
+def test_directions_of_a_box_section_and_a_bar():
+    points = sampled(shapes.rhs(0.12, 0.12, 0.008, 1.5), sigma=0.0)
+    normals = np.eye(3)[np.abs(points - [0, 0, 0.75]).argmax(axis=1)]  # of any direction: only the vote of edges counts
+    found = directions(points, normals, H, 0)
+    assert np.abs(found @ [0, 0, 1]).max() > 0.99
+    bar = np.c_[0.01 * np.random.default_rng(0).random((4000, 2)), np.linspace(0, 3, 4000)]
+    assert np.abs(directions(bar, np.tile([1.0, 0, 0], (4000, 1)), H, 0) @ [0, 0, 1]).max() > 0.9999
+
+
+def test_runs_end_at_a_gap_and_belong_to_square_normals_only():
+    z = np.r_[np.arange(0, 1.0, H), 1.0 + GAP * H + np.arange(0, 0.5, H)]
+    line = np.c_[np.full((len(z), 2), 0.3 * H), z]
+    normals = np.tile([1.0, 0, 0], (len(z), 1))
+    normals[0] = [0, 0, 1]
+    runs = run_lengths(line, normals, np.array([0.0, 0, 1]), H)
+    assert runs[0] == 0
+    np.testing.assert_allclose(runs[1:100], 0.98, rtol=1e-9)
+    np.testing.assert_allclose(runs[100:], 0.49, rtol=1e-9)
+    joined_up = np.r_[np.arange(0, 1.0, H), 0.99 + (GAP - 1e-6) * H + np.arange(0, 0.5, H)]  # just no gap
+    line[:, 2] = joined_up
+    np.testing.assert_allclose(run_lengths(line, np.tile([1.0, 0, 0], (len(z), 1)), np.array([0.0, 0, 1]), H), np.ptp(joined_up))
+
+
+def test_axis_is_square_to_the_normals_or_the_long_side_of_one_face():
+    turn = random_rotation(2)
+    normals = np.repeat(np.eye(3)[:2], 50, axis=0) @ turn.T
+    np.testing.assert_allclose(np.abs(refined_axis(np.zeros((100, 3)), normals, turn[:, 2])), np.abs(turn[:, 2]), atol=1e-12)
+    strip = np.c_[np.random.default_rng(0).random((500, 1)) * 0.1, np.zeros(500), np.random.default_rng(1).random((500, 1)) * 5]
+    assert abs(refined_axis(strip, np.tile([0.0, 1, 0], (500, 1)), np.array([0.0, 0, 1]))[2]) > 0.9999
+
+
+def test_profile_shows_where_a_section_is_not_whole():
+    grid = np.stack(np.meshgrid(np.arange(0, 0.2, H), [0.0], np.arange(0, 1, H), indexing="ij"), -1).reshape(-1, 3)
+    grid = grid[(grid[:, 2] < 0.5) | (grid[:, 0] < 0.1)]
+    share, at = slice_profile(grid, np.array([0.0, 0, 1]), H)
+    assert share[2] == 1.0 and share[-3] == pytest.approx(0.5, abs=0.11)
+    assert (at[np.argsort(grid[:, 2], kind="stable")][[0, -1]] == [0, len(share) - 1]).all()
+
+
+# ---- touching members
+
+
+def test_three_members_each_in_one_piece_and_pure_whatever_motion_and_order():
+    points, truth = portal()
+    found = members(points)
+    good = agreement(truth, found)
+    assert found.max() == 2
+    assert good.over.max() < 0.02 and good.under.max() < 0.02
+    before = points.copy()
+    order = np.random.default_rng(1).permutation(len(points))
+    moved = (points @ random_rotation(4).T + [3, 2, 1])[order]
+    assert adjusted_rand(found[order], members(moved)) > 0.97
+    assert np.array_equal(points, before)
+    assert members(points).tobytes() == found.tobytes()
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_rooms_fall_into_their_members(seed):
+    room = touching_room(seed, 0.014)
+    scan = joined(scan_stations(room, StationsOptions(positions_m=stations_around(room, seed), noise_m=0.001), seed))
+    found = segment_scene(scan)
+    good = agreement(scan.cloud.label, found.labels)
+    for k, solid in enumerate(room.solids):
+        if is_member(solid):
+            assert good.iou[good.objects == k] > 0.8, solid.name
+    assert found.kinds.count("support") == 1
+
+
+def bent(points, sagitta):
+    z = points[:, 2]
+    return points + np.c_[sagitta * np.sin(np.pi * z / z.max()), np.zeros((len(points), 2))]
+
+
+def tapered(points):
+    return points * np.c_[np.ones(len(points)), 0.5 + 0.5 * points[:, 2] / points[:, 2].max(), np.ones(len(points))]
+
+
+def haunched(points):
+    grown = 1 + np.maximum(0.0, 1 - points[:, 2] / 0.5)
+    return points * np.c_[np.ones(len(points)), np.where(points[:, 1] < 0, grown, 1.0), np.ones(len(points))]
+
+
+BEAM = shapes.i_beam(0.2, 0.1, 0.006, 0.009, 2.0)
+GIRDER = KINDS["girder"].build({"h": 0.4, "b": 0.2, "tw": 0.01, "tf": 0.015, "length": 2.5, "ts": 0.01, "bs": 0.09, "n_stiffeners": 4}, 1e-3).mesh
+TEE = np.concatenate(
+    [sampled(shapes.rhs(0.05, 0.05, 0.004, 0.25), h=0.004), sampled(shapes.posed(shapes.rhs(0.05, 0.05, 0.004, 0.2),
+     rigid(rotation_about((0, 1, 0), np.pi / 2), (0.025, 0, 0.125))), h=0.004)]
+)  # fmt: skip
+ONE = {
+    "beam": sampled(BEAM),
+    "bent": bent(sampled(BEAM), 0.06),
+    "tapered": tapered(sampled(BEAM)),
+    "haunched": haunched(sampled(BEAM)),
+    "girder": sampled(GIRDER, h=0.015),
+    "table": sampled(shapes.table(1.2, 0.8, 0.72, 0.03, 0.06, 0.05), h=0.015),
+    "tee_of_stubs": TEE,
+    "noisy_angle": sampled(shapes.l_beam(0.127, 0.127, 0.00635, 3.0), sigma=0.01),
+    "few": sampled(BEAM)[:250],
+}
+
+
+@pytest.mark.parametrize("name", ONE)
+def test_one_body_stays_whole(name):
+    assert members(ONE[name]).max() == 0
+
+
+def test_half_hidden_member_stays_one():
+    points, truth = portal()
+    seen = ~((truth == 1) & (points[:, 1] > 0.5) & (points[:, 1] < 0.9) & (points[:, 0] > -0.02))  # a stretch seen from one side only
+    found = members(points[seen])
+    assert agreement(truth[seen], found).over.max() < 0.03
+
+
+def test_option_leaves_them_together():
+    points, _ = portal()
+    from scan2fea.types import PointCloud, Scan
+
+    scan = Scan(cloud=PointCloud.of(points))
+    assert len(segment_scene(scan).kinds) == 3
+    assert len(segment_scene(scan, SegmentationOptions(members=False)).kinds) == 1

@@ -62,7 +62,8 @@ def members(points: FloatArray, seed: int = 0, min_points: int = 100) -> IntArra
     if thin is None:
         return whole
     piece, axes = _pieces(thin, seed)
-    piece = _cut(thin, piece, axes)
+    piece, axes = _cut(thin, piece, axes, within=False)
+    piece, axes = _cut(thin, _given_back(thin, piece), axes, within=True)
     group = _joined(thin, piece)
     chosen = _members_of(thin, group)
     if chosen is None:
@@ -138,24 +139,45 @@ def _distinct(axes: FloatArray, weight: IntArray) -> FloatArray:
     return np.array(kept).reshape(-1, 3)
 
 
-def _cut(thin: _Thin, piece: IntArray, axes: FloatArray) -> IntArray:
-    """Pieces without the slices where their section is not there because another piece passes: cut in two there, or shortened at an end."""
+def _cut(thin: _Thin, piece: IntArray, axes: FloatArray, *, within: bool) -> tuple[IntArray, FloatArray]:
+    """Pieces (n,) and their axes, without the slices where their section is not there because another piece passes.
+
+    within : cut a piece in two there; otherwise only shorten it at its ends.
+    """
     out = np.full(len(piece), -1, np.int64)
-    count = 0
+    which: list[FloatArray] = []
     for p in range(len(axes)):
         rows = np.flatnonzero(piece == p)
+        if not len(rows):
+            continue
         share, at = slice_profile(thin.points[rows], axes[p], thin.h)
         empty = share < _EMPTY * float(np.median(share))
         label, n_zones = ndimage.label(empty)
         for zone in range(1, n_zones + 1):
             slices = np.flatnonzero(label == zone)
-            if not _passes(thin, rows, piece, axes, p, (int(slices[0]), int(slices[-1]) + 1)):
+            is_end = slices[0] == 0 or slices[-1] == len(share) - 1
+            if not (is_end or within) or not _passes(thin, rows, piece, axes, p, (int(slices[0]), int(slices[-1]) + 1)):
                 empty[slices] = False
         part, n_parts = ndimage.label(~empty)
         own = part[at] - 1
-        out[rows[own >= 0]] = count + own[own >= 0]
-        count += n_parts
-    return out
+        out[rows[own >= 0]] = len(which) + own[own >= 0]
+        which += [axes[p]] * int(n_parts)
+    return out, np.array(which).reshape(-1, 3)
+
+
+def _given_back(thin: _Thin, piece: IntArray) -> IntArray:
+    """Pieces (n,) where what one was shortened by goes to a long one that runs through there."""
+    long_ones: list[_Extent] = []
+    numbers = []
+    for p in np.flatnonzero(np.bincount(piece[piece >= 0]) >= _LEAST_PIECE):
+        extent = _extent(thin.points[piece == p], thin.normals[piece == p])
+        if extent.length >= _STUB * extent.width:
+            long_ones.append(extent)
+            numbers.append(p)
+    if not numbers:
+        return piece
+    through = _run_through(thin, np.full(len(piece), -1, np.int64), long_ones)
+    return np.where((piece < 0) & (through >= 0), np.array(numbers)[through], piece)
 
 
 def _passes(thin: _Thin, rows: IntArray, piece: IntArray, axes: FloatArray, p: int, gap: tuple[int, int]) -> bool:
@@ -292,8 +314,8 @@ def _members_of(thin: _Thin, group: IntArray) -> tuple[IntArray, list[_Extent]] 
 def _run_through(thin: _Thin, member: IntArray, extents: list[_Extent]) -> IntArray:
     """Members (n,) where points at joints go to the one that runs through.
 
-    A point in the box of a member and in a run of half its length is that member's; of several the one whose ends are farther away: the web of a column
-    may be in one plane with that of the beam that ends at it.
+    A point in the box of a member and in a run of half its length is that member's; of several the one whose ends are farther away: the web of a
+    column may be in one plane with that of the beam that ends at it.
     """
     out, best = member.copy(), np.zeros(len(member))
     for k, extent in enumerate(extents):

@@ -22,9 +22,9 @@ _REACH = 8.0  # spacings: how far apart they lie
 _ANGLE = 0.5  # sine of the least angle between two normals whose product is a direction
 _VOTERS = 1_500  # points asked for votes
 _MOST_VOTES, _CANDIDATES = 4_000, 600  # votes that are counted, and those of them that stand for election
-_SAME = 0.9986  # cosine of 3 degrees: votes for one direction
-_OTHER = 0.9945  # cosine of 6 degrees: votes that are used up with it
-_LEAST_VOTES = 0.01
+_SAME = 0.9962  # cosine of 5 degrees: votes for one direction
+_OTHER = 0.9848  # cosine of 10 degrees: votes that are used up with it
+_LEAST_VOTES = 0.005
 _MOST_DIRECTIONS = 16
 _SCALES = (96, 256)  # neighbours whose cloud may be a line
 _LINE = 3.0  # length over width from which it is one
@@ -41,7 +41,7 @@ def directions(points: FloatArray, normals: FloatArray, h: float, seed: int) -> 
     """(d, 3) unit directions in which the surfaces run, the most frequent first.
 
     Votes: the product of two normals near each other that differ by 30 degrees or more (an edge of a prism, or its curved face), and the long axis of
-    neighbourhoods that are long (bars too thin to show two faces). Votes within 3 degrees make a direction.
+    neighbourhoods that are long (bars too thin to show two faces). Votes within 5 degrees make a direction.
     """
     rng = np.random.default_rng(seed)
     rows = rng.choice(len(points), min(len(points), _VOTERS), replace=False)
@@ -55,6 +55,8 @@ def directions(points: FloatArray, normals: FloatArray, h: float, seed: int) -> 
         if best.sum() < max(3.0, _LEAST_VOTES * n_votes):
             break
         axis = _mean_direction(votes[best])
+        for _ in range(2):  # to where the votes are densest
+            axis = _mean_direction(votes[np.abs(votes @ axis) >= _SAME])
         found.append(axis)
         votes = votes[np.abs(votes @ axis) < _OTHER]
     return np.array(found).reshape(-1, 3)

@@ -39,6 +39,7 @@ _LINK = 3.5  # spacings: neighbours on one surface (radius.link_radius)
 _ALONG = 0.5  # of its length that a piece lies along another to be one with it
 _IN_LINE = 0.97  # cosine of 14 degrees
 _ALIKE = 1.35  # ratio of widths that still is the same section
+_MOST_CUTS = 40
 _EMPTY = 0.75  # of its usual share: less, and the section is not there
 _SHORT, _INSIDE = 0.25, 0.8  # a piece of less than a quarter of the length must lie within the other's box to be one with it
 
@@ -62,9 +63,8 @@ def members(points: FloatArray, seed: int = 0, min_points: int = 100) -> IntArra
     if thin is None:
         return whole
     piece, axes = _pieces(thin, seed)
-    piece, axes = _cut(thin, piece, axes, within=False)
-    piece, axes = _cut(thin, _given_back(thin, piece), axes, within=True)
-    group = _joined(thin, piece)
+    piece = _given_back(thin, _shortened(thin, piece, axes))
+    group = _joined(thin, _cut(thin, piece, axes))
     chosen = _members_of(thin, group)
     if chosen is None:
         return whole
@@ -139,30 +139,56 @@ def _distinct(axes: FloatArray, weight: IntArray) -> FloatArray:
     return np.array(kept).reshape(-1, 3)
 
 
-def _cut(thin: _Thin, piece: IntArray, axes: FloatArray, *, within: bool) -> tuple[IntArray, FloatArray]:
-    """Pieces (n,) and their axes, without the slices where their section is not there because another piece passes.
-
-    within : cut a piece in two there; otherwise only shorten it at its ends.
-    """
-    out = np.full(len(piece), -1, np.int64)
-    which: list[FloatArray] = []
+def _shortened(thin: _Thin, piece: IntArray, axes: FloatArray) -> IntArray:
+    """Pieces (n,) without the slices at their ends where their section is not there because another piece passes."""
+    out = piece.copy()
     for p in range(len(axes)):
         rows = np.flatnonzero(piece == p)
-        if not len(rows):
-            continue
-        share, at = slice_profile(thin.points[rows], axes[p], thin.h)
-        empty = share < _EMPTY * float(np.median(share))
-        label, n_zones = ndimage.label(empty)
-        for zone in range(1, n_zones + 1):
-            slices = np.flatnonzero(label == zone)
-            is_end = slices[0] == 0 or slices[-1] == len(share) - 1
-            if not (is_end or within) or not _passes(thin, rows, piece, axes, p, (int(slices[0]), int(slices[-1]) + 1)):
-                empty[slices] = False
-        part, n_parts = ndimage.label(~empty)
-        own = part[at] - 1
-        out[rows[own >= 0]] = len(which) + own[own >= 0]
-        which += [axes[p]] * int(n_parts)
-    return out, np.array(which).reshape(-1, 3)
+        if len(rows):
+            zones, at, _ = _empty_zones(thin, rows, piece, axes, p)
+            for zone in zones:
+                if zone[0] == 0 or zone[1] == int(at.max()) + 1:
+                    out[rows[(at >= zone[0]) & (at < zone[1])]] = -1
+    return out
+
+
+def _cut(thin: _Thin, piece: IntArray, axes: FloatArray) -> IntArray:
+    """Pieces (n,) cut in two where their section is not there because another piece passes; the emptiest place of all first.
+
+    What it leaves there goes to who runs through, so that the other has its section again and is not cut too.
+    """
+    axes = axes.copy()
+    for _ in range(_MOST_CUTS):
+        found: tuple[float, int, IntArray, IntArray] | None = None
+        for p in range(len(axes)):
+            rows = np.flatnonzero(piece == p)
+            zones, at, share = _empty_zones(thin, rows, piece, axes, p) if len(rows) else ([], rows, np.zeros(0))
+            for first, last in zones:
+                left = float(share[first:last].min())
+                if first > 0 and last <= int(at.max()) and (found is None or left < found[0]):
+                    found = (left, p, rows[(at >= first) & (at < last)], rows[at >= last])
+        if found is None:
+            break
+        _, p, between, beyond = found
+        piece = piece.copy()
+        piece[between], piece[beyond] = -1, len(axes)
+        axes = np.concatenate([axes, axes[p : p + 1]])
+        piece = _given_back(thin, piece)
+    return piece
+
+
+def _empty_zones(thin: _Thin, rows: IntArray, piece: IntArray, axes: FloatArray, p: int) -> tuple[list[tuple[int, int]], IntArray, FloatArray]:
+    """First slice and end of each stretch where less than 75 % of the section of piece p shows and another passes; slice of each row, shares."""
+    share, at = slice_profile(thin.points[rows], axes[p], thin.h)
+    share = share / max(float(np.median(share)), 1e-12)
+    label, n_zones = ndimage.label(share < _EMPTY)
+    zones = []
+    for zone in range(1, n_zones + 1):
+        slices = np.flatnonzero(label == zone)
+        stretch = (int(slices[0]), int(slices[-1]) + 1)
+        if _passes(thin, rows, piece, axes, p, stretch):
+            zones.append(stretch)
+    return zones, at, share
 
 
 def _given_back(thin: _Thin, piece: IntArray) -> IntArray:

@@ -252,8 +252,7 @@ class _Extent(Value):
     def holds(self, points: FloatArray, margin: float) -> BoolArray:
         """(n,) which points are in the box, widened by the margin."""
         local = (points - self.middle) @ self.frame.T
-        inside: BoolArray = ((local >= self.low - margin) & (local <= self.high + margin)).all(axis=1)
-        return inside
+        return np.asarray(((local >= self.low - margin) & (local <= self.high + margin)).all(axis=1))
 
 
 def _extent(points: FloatArray, normals: FloatArray) -> _Extent:

@@ -119,7 +119,8 @@ def _brackets(rng: np.random.Generator, h: float) -> list[Solid]:
     turn = _about_z(float(rng.uniform(0, np.pi)))
     wide, deep = _depth(column), _depth(beam)
     z = float(rng.uniform(0.5, 0.7)) * tall
-    plate = {"a": 0.18, "b": 0.18, "t": 0.012, "width": 0.14, "holes": ()}
+    width = 0.14
+    plate = {"a": 0.18, "b": 0.18, "t": 0.012, "width": width, "holes": ()}
     solids = []
     for i in range(2):
         foot = np.array([i * span, 0.0, 0.0])
@@ -128,7 +129,7 @@ def _brackets(rng: np.random.Generator, h: float) -> list[Solid]:
         face = foot + (wide / 2) * out
         for k, at in enumerate((z, 0.35 * tall)[: 1 + int(rng.random() < 0.6)]):
             axes = np.stack([out, -_UP, np.cross(out, -_UP)], axis=1)  # leg b along x goes out at the top, leg a along y hangs down the face
-            origin = face + at * _UP - 0.5 * plate["width"] * axes[:, 2]
+            origin = face + at * _UP - 0.5 * width * axes[:, 2]
             solids.append(_solid(f"bracket_{i}{k}", "bracket", plate, turn @ axes, turn @ origin, h))
     ends = np.array([[wide / 2 + 0.005, 0, z + deep / 2], [span - wide / 2 - 0.005, 0, z + deep / 2]])
     solids.append(_between("beam", beam, ends[0], ends[1], _UP, turn, h))

@@ -23,6 +23,7 @@ from scan2fea.units import BYTES_PER_GIB, METRES_PER_UNIT, metres_per
 BYTES_PER_POINT = 250
 BYTES_PER_RAY = 56
 _MOST_RINGS = 65536
+CAPTURE = "pcap"  # the format whose files hold many turns
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +50,7 @@ class RawScan(Value):
     unit_source : "format", "option" or "assumed".   sensor : "known" or "unknown".
     pose_given : the file gave poses, and they are applied.   T_world_frame : None, or a (4, 4) pose that is not yet applied.
     voxel_edge_m : edge of the voxels whose means the points are, None where every point was kept.
+    sweep : (n,) turn of the scanner that each point is of, where the file holds more than one.
     columns : names found.   notes : what was decided that the user did not ask for.
     """
 
@@ -68,6 +70,7 @@ class RawScan(Value):
     voxel_edge_m: float | None
     columns: tuple[str, ...]
     notes: tuple[str, ...]
+    sweep: IntArray | None = None
 
 
 def read_scan(path: Path, options: InputOptions = InputOptions()) -> RawScan:
@@ -85,7 +88,7 @@ def read_scan(path: Path, options: InputOptions = InputOptions()) -> RawScan:
     unit_source = "option" if options.unit else "format" if source.unit else "assumed"
     scale = metres_per(unit)
     labels = _label_columns(path, source, options.labels)
-    wanted = _wanted(source, labels)
+    wanted = _wanted(source, labels) + (("frame",) if entry.name == CAPTURE else ())
     limit = int(options.memory_gib * BYTES_PER_GIB / (BYTES_PER_POINT + BYTES_PER_RAY))
     try:
         gathered = gather(path, lambda: _with_sensor(source, wanted, options), wanted, scale, limit, keep_rows=source.faces is not None)
@@ -114,8 +117,14 @@ def read_scan(path: Path, options: InputOptions = InputOptions()) -> RawScan:
         T_world_frame=None,
         voxel_edge_m=gathered.voxel_edge_m,
         columns=source.columns,
+        sweep=_sweep(gathered),
         notes=source.notes + gathered.notes + note + _surplus(entry.name, source, gathered),
     )
+
+
+def _sweep(gathered: Gathered) -> IntArray | None:
+    turn = gathered.columns.get("frame")
+    return None if turn is None or len(turn) == 0 or int(turn.max()) == int(turn.min()) else np.asarray(turn, np.int64)
 
 
 def _surplus(form: str, source: Source, gathered: Gathered) -> tuple[str, ...]:

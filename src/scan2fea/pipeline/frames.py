@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from scan2fea.pipeline.scene import Scene
+from scan2fea.pipeline.sweeps import SweepPath
 from scan2fea.registration import Link
 from scan2fea.types import Trajectory
 
@@ -17,11 +18,26 @@ from scan2fea.types import Trajectory
 def registration_row(inputs: Sequence[Mapping[str, Any]], scene: Scene, mode: str) -> dict[str, Any]:
     """registration of report.json: one frame per input, and every link between two that was tried."""
     used = [Path(row["path"]).name for row in inputs if row["used"]]
-    return {"mode": mode, "frames": frame_rows(inputs, scene), "links": [link_row(link, used) for link in scene.links]}
+    found: dict[str, Any] = {"mode": mode, "frames": frame_rows(inputs, scene), "links": [link_row(link, used) for link in scene.links]}
+    return found | ({"sweeps": [sweep_row(path, used) for path in scene.paths]} if scene.paths else {})
+
+
+def sweep_row(path: SweepPath, names: Sequence[str]) -> dict[str, Any]:
+    """How the scanner of one input moved: a pose at the start of each sweep and at the end of the last."""
+    return {
+        "path": names[path.frame],
+        "time_s": path.time_s.tolist(),
+        "T_world_scanner": path.T_frame_knot.tolist(),
+        "std_m": [_number(x) for x in path.std_m],
+        "std_rad": [_number(x) for x in path.std_rad],
+    }
 
 
 def trajectory_of_all(inputs: Sequence[Mapping[str, Any]], scene: Scene) -> Trajectory:
-    """One pose per input, in their order: nan for those that could not be read too."""
+    """One pose per input, in their order: nan for those that could not be read too; of a single capture of a moving scanner one per sweep."""
+    if len(inputs) == 1 and len(scene.paths) == 1:
+        path = scene.paths[0]
+        return Trajectory(T_world_frame=path.T_frame_knot, placed=np.ones(len(path.time_s), bool), time_s=path.time_s)
     used = np.array([bool(row["used"]) for row in inputs], bool)
     T, placed = np.full((len(used), 4, 4), np.nan), np.zeros(len(used), bool)
     T[used], placed[used] = scene.trajectory.T_world_frame, scene.trajectory.placed

@@ -13,7 +13,8 @@ from scan2fea.errors import EmptyScanError, require
 from scan2fea.filtering import FilteringOptions, clean_up, fill_behind
 from scan2fea.io import RawScan
 from scan2fea.kernel.noise import spacing
-from scan2fea.registration import Link, RegistrationOptions, place, read_poses
+from scan2fea.pipeline.sweeps import SweepPath, unrolled
+from scan2fea.registration import Link, RegistrationOptions, place, read_poses, read_trajectory
 from scan2fea.segmentation import SegmentationOptions, segment_scene
 from scan2fea.types import BoolArray, FloatArray, IntArray, PointCloud, Scan, Segments, Trajectory, TriangleMesh, Value
 
@@ -34,6 +35,7 @@ class MeshInput(Value):
 class Scene(Value):
     """All inputs in one frame. shift_m : (3,), every coordinate is input minus this, `trajectory` too.   agreement_m : (k,) median distance of each
     input to the others where they overlap, nan where they do not.   is_occluder : (n,) points that stand in the way of others, or None.
+    paths : of scanners that moved while they scanned, in the frame of OUT.
     continues : (n,) of a point that nobody measured, a measured one whose surface it continues; -1 of measured ones; or None.
     """
 
@@ -51,6 +53,7 @@ class Scene(Value):
     names: tuple[str, ...] = ()
     is_occluder: BoolArray | None = None
     continues: IntArray | None = None
+    paths: tuple[SweepPath, ...] = ()
 
     @property
     def is_filled(self) -> BoolArray:
@@ -72,8 +75,7 @@ def place_all(raws: tuple[RawScan, ...], options: RegistrationOptions, *, names:
 
     Raises InputError for a file of poses that cannot be read or names none of the inputs.
     """
-    calibration = Path(options.calibration) if options.calibration else None
-    poses = read_poses(Path(options.poses), list(names), calibration) if options.poses else [None] * len(raws)
+    raws, paths, poses = _unrolled(raws, options, names)
     own, fixed = [raw.pose_given for raw in raws], [raw.mesh is not None for raw in raws]
     placed = place([raw.scan for raw in raws], poses, list(names), options, is_placed=own, is_fixed=fixed)
     shift = shift_of(placed.scan.cloud.points)
@@ -98,7 +100,27 @@ def place_all(raws: tuple[RawScan, ...], options: RegistrationOptions, *, names:
         links=placed.links,
         notes=notes,
         names=tuple(names),
+        paths=tuple(replace(path, T_frame_knot=_poses_in(path, placed.trajectory, shift)) for path in paths if placed.trajectory.placed[path.frame]),
     )
+
+
+def _unrolled(
+    raws: tuple[RawScan, ...], options: RegistrationOptions, names: Sequence[str]
+) -> tuple[tuple[RawScan, ...], list[SweepPath], Sequence[FloatArray | None]]:
+    """The inputs without motion within them, how their scanners moved, and the pose that `registration.poses` gives each."""
+    calibration = Path(options.calibration) if options.calibration else None
+    given = read_trajectory(Path(options.poses)) if options.poses and len(raws) == 1 and raws[0].sweep is not None else None
+    made = [unrolled(raw, frame, options, given) for frame, raw in enumerate(raws)]
+    poses: Sequence[FloatArray | None] = [None] * len(raws)
+    if options.poses:
+        poses = [np.eye(4)] if given is not None else read_poses(Path(options.poses), list(names), calibration)
+    return tuple(raw for raw, _ in made), [path for _, path in made if path is not None], poses
+
+
+def _poses_in(path: SweepPath, trajectory: Trajectory, shift: FloatArray) -> FloatArray:
+    T = trajectory.T_world_frame[path.frame] @ path.T_frame_knot
+    T[:, :3, 3] -= shift
+    return np.asarray(T)
 
 
 def shift_of(points: FloatArray) -> FloatArray:

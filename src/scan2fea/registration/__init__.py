@@ -1,8 +1,25 @@
 """Inputs into one frame (see docs/design.md and docs/registration.md)."""
 
+from scan2fea.registration.motion import at_times, deskewed, deskewed_by, moved
+from scan2fea.registration.odometry import Odometry, Sweeps, odometry
 from scan2fea.registration.options import RegistrationOptions
 from scan2fea.registration.place import Placed, joined, place
-from scan2fea.registration.poses import read_poses
+from scan2fea.registration.poses import read_poses, read_trajectory
 from scan2fea.registration.register import Link
 
-__all__ = ["Link", "Placed", "RegistrationOptions", "joined", "place", "read_poses"]
+__all__ = [
+    "Link",
+    "Odometry",
+    "Placed",
+    "RegistrationOptions",
+    "Sweeps",
+    "at_times",
+    "deskewed",
+    "deskewed_by",
+    "joined",
+    "moved",
+    "odometry",
+    "place",
+    "read_poses",
+    "read_trajectory",
+]

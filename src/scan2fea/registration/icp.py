@@ -106,7 +106,7 @@ def icp(source: Surface, target: Surface, tree: cKDTree, T_start: FloatArray, op
         if step < 0.1 * max(widest, options.settled * edge):
             reach, widest = max(options.last_reach * edge, 0.7 * reach), 0.6 * widest
     done = step < options.settled * edge and ending
-    return IcpResult(T_target_source=_orthonormal(T), converged=bool(done), iterations=iteration, scale_m=scale, n_pairs=n)
+    return IcpResult(T_target_source=orthonormal(T), converged=bool(done), iterations=iteration, scale_m=scale, n_pairs=n)
 
 
 def robust_scale(residual: FloatArray) -> float:
@@ -143,7 +143,8 @@ def solve(pairs: Pairs, weight: FloatArray) -> tuple[FloatArray, float]:
     return T, float(np.sqrt((moved_by**2).sum(axis=1).mean()))
 
 
-def _orthonormal(T: FloatArray) -> FloatArray:
+def orthonormal(T: FloatArray) -> FloatArray:
+    """The rigid motion nearest to one that rounding has bent."""
     U, _, Vt = np.linalg.svd(T[:3, :3])
     return rigid(U @ Vt, T[:3, 3])
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from scan2fea.errors import FormatError, InputError, require
 from scan2fea.kernel.transforms import inverse, is_rigid, quaternion_to_matrix, rigid
-from scan2fea.types import FloatArray
+from scan2fea.types import FloatArray, Trajectory
 
 _LARGEST_BYTES = 100_000_000  # a file of poses is small: what is larger is something else
 
@@ -57,6 +57,24 @@ def read_calibration(path: Path) -> FloatArray:
             require(len(values) == 12, FormatError, f"{path}, line {i}: {name.strip()} has {len(values)} numbers, 12 are needed")
             return _matrices(path, values.reshape(1, 3, 4))[0]
     raise FormatError(f"{path}: has no line Tr: or Tr_velo_to_cam:, which takes the points to the camera")
+
+
+def read_trajectory(path: Path) -> Trajectory | None:
+    """The way of one sensor from a file of the TUM form, whose times rise; None for any other file of poses. Raises FormatError."""
+    if not path.is_file() or path.suffix.lower() == ".npy" or path.stat().st_size > _LARGEST_BYTES:
+        return None
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except UnicodeDecodeError:
+        return None
+    rows = [(i, line.split()) for i, line in enumerate(lines, start=1) if line.strip() and not line.lstrip().startswith("#")]
+    if len(rows) < 2 or any(len(words) != 8 or words[0].startswith("v") for _, words in rows):
+        return None
+    time = np.array([_numbers(path, i, words[:1])[0] for i, words in rows])
+    if not bool((np.diff(time) > 0).all()):
+        return None
+    T = np.array([_quaternion_pose(path, i, words[1:]) for i, words in rows])
+    return Trajectory(T_world_frame=T, placed=np.ones(len(T), bool), time_s=time)
 
 
 def _read(path: Path, names: Sequence[str]) -> tuple[FloatArray | None, ...]:

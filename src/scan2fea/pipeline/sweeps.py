@@ -1,0 +1,125 @@
+"""A capture of many turns of one scanner becomes one scan: its motion is told by a timed trajectory, or found (docs/registration.md)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from scan2fea.io import RawScan
+from scan2fea.registration import RegistrationOptions, Sweeps, at_times, moved, odometry
+from scan2fea.registration.motion import between
+from scan2fea.types import FloatArray, IntArray, Rays, Scan, Trajectory, Value
+
+HOUR_S = 3600.0  # the clock of a Velodyne unit begins again
+_MAD = 1.4826
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SweepPath(Value):
+    """How the scanner of one input moved. frame : number of the input.   time_s : (k,).   T_frame_knot : (k, 4, 4) to the input's frame.
+    std_m, std_rad : (k,) relative to the first, nan where a file gave the poses.
+    """
+
+    frame: int
+    time_s: FloatArray
+    T_frame_knot: FloatArray
+    std_m: FloatArray
+    std_rad: FloatArray
+
+
+def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Trajectory | None) -> tuple[RawScan, SweepPath | None]:
+    """The input with its motion taken out, and the way of its scanner; itself and None where it is one turn, has no times, or is to stay as it lies.
+
+    given : a timed trajectory of this scanner. Raises InputError where its times are of another scan.
+    """
+    rays = raw.scan.rays
+    if raw.sweep is None or rays is None or rays.time_s is None or bool((raw.scan.cloud.ray < 0).any()):
+        return raw, None
+    if given is None and options.sweeps != "odometry":
+        return raw, None
+    time = _unwrapped(rays.time_s[raw.scan.cloud.ray])
+    if given is not None and given.time_s is not None:
+        time = time + HOUR_S * round((float(given.time_s[0]) - float(time.min())) / HOUR_S)
+        first, share = at_times(given, time)
+        path = SweepPath(frame=frame, time_s=given.time_s, T_frame_knot=given.T_world_frame, std_m=_nan(given), std_rad=_nan(given))
+        return _moved(raw, path, first, share, "its motion was taken out by the trajectory of registration.poses"), path
+    period = _period(time, raw.sweep)
+    if not period > 0:
+        return raw, None
+    at = (time - time.min()) / period
+    sweep = np.floor(at).astype(np.int64)
+    order = np.lexsort((at, sweep))
+    sweeps = Sweeps(points=raw.scan.cloud.points[order], sweep=_packed(sweep[order]), share=(at - sweep)[order], period_s=period)
+    found = odometry(sweeps, _range_noise(rays, raw.scan.cloud.ray, time))
+    if not found.is_sure:
+        says = f"its motion could not be found (forwards and backwards in time differ by {found.disagreement_m:.2g} m): give it with --poses"
+        return replace(raw, notes=(*raw.notes, says)), None
+    if found.stands:
+        reach = float(np.linalg.norm(found.T_world_knot[:, :3, 3], axis=1).max())
+        says = f"its scanner stood still: {len(sweeps)} sweeps were taken for one (they move by at most {reach:.2g} m, which is no more than chance)"
+        return replace(raw, notes=(*_without_turns(raw), says)), None
+    knots = time.min() + period * np.arange(len(found.T_world_knot))
+    path = SweepPath(frame=frame, time_s=knots, T_frame_knot=found.T_world_knot, std_m=found.std_m, std_rad=found.std_rad)
+    far = float(np.linalg.norm(found.T_world_knot[-1, :3, 3]))
+    says = (
+        f"{len(sweeps)} sweeps of a moving scanner were put together: it went {far:.3g} m; its last place has a standard deviation of "
+        f"{float(found.std_m[-1]):.2g} m and {np.degrees(float(found.std_rad[-1])):.2g} degrees against its first"
+    )
+    return _moved(raw, path, sweep, at - sweep, says), path
+
+
+def _moved(raw: RawScan, path: SweepPath, first: IntArray, share: FloatArray, says: str) -> RawScan:
+    """Every point and its ray where the scanner was at their moment; rays without return have no times and are left out."""
+    cloud, rays = raw.scan.cloud, raw.scan.rays
+    if rays is None:
+        return raw
+    own = rays.origin[cloud.ray]
+    points = moved(cloud.points, path.T_frame_knot, first, share)
+    R, _ = between(path.T_frame_knot, first, share)
+    scan = Scan(
+        cloud=cloud.replaced(points=points, ray=np.arange(len(cloud), dtype=np.int64), normals=None),
+        rays=Rays(
+            origin=moved(own, path.T_frame_knot, first, share),
+            direction=np.einsum("nij,nj->ni", R, rays.direction[cloud.ray]),
+            range_m=rays.range_m[cloud.ray],
+            time_s=None if rays.time_s is None else rays.time_s[cloud.ray],
+            ring=None if rays.ring is None else rays.ring[cloud.ray],
+        ),
+    )
+    return replace(raw, scan=scan, notes=(*_without_turns(raw), says), pose_given=bool(np.isnan(path.std_m).all()))
+
+
+def _without_turns(raw: RawScan) -> tuple[str, ...]:
+    return tuple(note for note in raw.notes if "turns, all in the frame of the sensor" not in note)
+
+
+def _nan(given: Trajectory) -> FloatArray:
+    return np.full(len(given.T_world_frame), np.nan)
+
+
+def _unwrapped(time_s: FloatArray) -> FloatArray:
+    """Times past the hour, across the hour."""
+    return np.asarray(np.where(time_s < time_s.max() - HOUR_S / 2, time_s + HOUR_S, time_s)) if np.ptp(time_s) > HOUR_S / 2 else time_s
+
+
+def _period(time_s: FloatArray, turn: IntArray) -> float:
+    """Of a turn, s."""
+    used, packed = np.unique(turn, return_inverse=True)
+    begun = np.full(len(used), np.inf)
+    np.minimum.at(begun, packed, time_s)
+    steps = np.diff(begun[1:]) if len(used) > 3 else np.diff(begun)
+    return float(np.median(steps / np.diff(used[1:] if len(used) > 3 else used)))
+
+
+def _packed(sweep: IntArray) -> IntArray:
+    return sweep - int(sweep[0])
+
+
+def _range_noise(rays: Rays, ray: IntArray, time_s: FloatArray) -> float:
+    """Standard deviation of a range from second differences along each ring, by their median."""
+    ring = np.zeros(len(ray), np.int64) if rays.ring is None else rays.ring[ray]
+    order = np.lexsort((time_s, ring))
+    r, same = rays.range_m[ray][order], ring[order]
+    second = np.abs(r[2:] - 2.0 * r[1:-1] + r[:-2])[same[2:] == same[:-2]]
+    return float(_MAD * np.median(second) / np.sqrt(6.0)) if len(second) else 0.0

@@ -25,7 +25,11 @@ def ball(rounds):
 
 @functools.cache
 def body():
-    return blob(0.2, 0.3, 3, 0.0002).mesh
+    return blob(0.2, 0.3, 3, 0.0008).mesh
+
+
+def rough(rounds):
+    return TriangleMesh(vertices=2 * ball(rounds).vertices, faces=ball(rounds).faces)
 
 
 def test_the_borders_of_neighbours_are_the_same_to_the_last_bit():
@@ -50,16 +54,17 @@ def test_grids_lie_on_the_surface_between_their_borders_and_point_outward():
 
 
 def test_a_ball_is_one_valid_solid_of_its_volume():
-    found = patched_solid(ball(5), [ball(1)], spacing_m=0.005, noise_m=0.0)
+    found = patched_solid(ball(5), [ball(0)], spacing_m=0.005, noise_m=0.0)
     assert found.reason == ""
     back = read_back(found.brep.step)
     assert back.is_valid
-    assert (back.n_solids, back.n_free_edges, len(back.face_area)) == (1, 0, 240)
-    assert back.volume_m3 == pytest.approx(volume(ball(5)), rel=5e-4)
-    assert found.brep.face_names[0] == "FACE_001_NURBS"
+    assert (back.n_solids, back.n_free_edges, len(back.face_area)) == (1, 0, 60)
+    assert back.volume_m3 == pytest.approx(volume(ball(5)), rel=2e-3)
+    assert found.brep.face_names[0] == "FACE_01_NURBS"
     assert set(found.brep.face_kinds) == {"nurbs"}
     assert "SI_UNIT(.MILLI.,.METRE.)" in found.brep.step
-    assert found.how["off_max_m"] < 1e-4
+    assert patched_solid(ball(5), [ball(0)], spacing_m=0.005, noise_m=0.0).brep.step == found.brep.step
+    assert found.how["off_max_m"] < 5e-4
     assert found.how["across_max_deg"] < 3
 
 
@@ -71,34 +76,35 @@ def test_patches_come_closer_as_they_become_smaller():
 
 def test_a_torus_closes_too():
     mesh = torus(0.1, 0.03, 96, 48)
-    found = patched_solid(mesh, [torus(0.1, 0.03, 12, 6)], spacing_m=0.004, noise_m=0.0)
+    found = patched_solid(mesh, [torus(0.1, 0.03, 10, 5)], spacing_m=0.004, noise_m=0.0)
     assert found.reason == ""
     assert found.brep.volume_m3 == pytest.approx(volume(mesh), rel=2e-3)
 
 
 def test_it_stands_wherever_the_surface_stands():
     R, at = rotation(4), np.array([30.0, -20.0, 5.0])
-    moved = [TriangleMesh(vertices=m.vertices @ R.T + at, faces=m.faces) for m in (ball(4), ball(1))]
-    a, b = patches_of(quads_on(ball(1), ball(4)), ball(4)), patches_of(quads_on(moved[1], moved[0]), moved[0])
-    corners = [c.controls[:, [0, 0, -1, -1], [0, -1, 0, -1]] for c in (a, b)]  # between them the nearest of two equal triangles may be either
-    np.testing.assert_allclose(corners[1], corners[0] @ R.T + at, atol=1e-9)
-    assert b.off_m == pytest.approx(a.off_m, rel=0.1)
-    assert b.p95_m == pytest.approx(a.p95_m, rel=0.1)
+    coarse = rough(1)
+    moved = [TriangleMesh(vertices=m.vertices @ R.T + at, faces=m.faces) for m in (body(), coarse)]
+    a, b = patches_of(quads_on(coarse, body()), body()), patches_of(quads_on(moved[1], moved[0]), moved[0])
+    assert b.off_m == pytest.approx(a.off_m, rel=0.05)
+    assert b.p95_m == pytest.approx(a.p95_m, rel=0.05)
+    assert np.median(np.linalg.norm(b.controls - (a.controls @ R.T + at), axis=-1)) < 1e-7
 
 
 def test_the_first_layout_that_is_close_enough_is_taken_and_the_input_left_alone():
-    layouts = [blob(0.2, 0.3, 3, chord).mesh for chord in (0.02, 0.006)]
+    layouts = [rough(0), rough(1)]
     kept = body().vertices.copy()
-    rough = patches_of(quads_on(layouts[0], body()), body())
-    loose = patched_solid(body(), layouts, spacing_m=4 * max(rough.off_m, 1e-4) * 1.1, noise_m=0.0)
-    assert len(loose.brep.face_names) == 3 * len(layouts[0].faces)
+    off = patches_of(quads_on(layouts[0], body()), body()).off_m
+    taken = patched_solid(body(), layouts, spacing_m=4 * off * 1.01, noise_m=0.0)
+    assert len(taken.brep.face_names) == 3 * 20
+    assert taken.how["off_max_m"] == pytest.approx(off)
+    closer = patched_solid(body(), layouts, spacing_m=4 * off * 0.99, noise_m=0.0)
+    assert len(closer.brep.face_names) == 3 * 80
     assert np.array_equal(body().vertices, kept)
-    again = patched_solid(body(), layouts, spacing_m=4 * max(rough.off_m, 1e-4) * 1.1, noise_m=0.0)
-    assert again.brep.step == loose.brep.step
 
 
 def test_what_is_too_far_off_is_refused_with_the_figure():
-    found = patched_solid(body(), [blob(0.2, 0.3, 3, 0.02).mesh], spacing_m=1e-5, noise_m=0.0)
+    found = patched_solid(body(), [rough(1)], spacing_m=1e-5, noise_m=0.0)
     assert found.brep is None
     assert "off the surface (limit 0.0025 mm)" in found.reason
     assert patched_solid(body(), [], spacing_m=1.0, noise_m=0.0).reason == "there is no layout of quads"

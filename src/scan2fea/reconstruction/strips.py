@@ -40,11 +40,12 @@ MIX_ROUNDS = 8
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Left(Value):
-    """The faces of the first surface that no plane explains: their middles, areas, local directions, and the points that lie on them."""
+    """The faces of the first surface that no plane explains: their middles, areas, local directions (shorter where these differ), and their points."""
 
     middle: FloatArray
     area: FloatArray
     direction: FloatArray
+    length: FloatArray
     point_face: IntArray
     point: IntArray
 
@@ -56,12 +57,11 @@ def with_strips(points: FloatArray, planes: Planes, mesh: TriangleMesh, wall_m: 
     ways = _ways(planes.normal)
     depth = DEPTH * spacing_m + 2.0 * sigma_m
     free = np.ones(len(left.area), bool)
-    length = np.maximum(np.linalg.norm(left.direction, axis=1), 1e-300)
-    snaps = (left.direction @ ways.T >= SNAP * length[:, None]).any(axis=1) if len(ways) else np.zeros(len(length), bool)
+    snaps = (left.direction @ ways.T >= SNAP * left.length[:, None]).any(axis=1) if len(ways) else np.zeros(len(left.length), bool)
     label = planes.label.copy()
     found: list[Plane] = []
     spread: list[float] = []
-    for seed in np.lexsort((-length * left.area, ~snaps)):  # directions that the planes give come first
+    for seed in np.lexsort((-left.length * left.area, ~snaps)):  # directions that the planes give come first
         if not free[seed] or len(found) >= MOST:
             continue
         own = _own(left, int(seed), free, depth)
@@ -167,23 +167,27 @@ def _left(points: FloatArray, planes: Planes, mesh: TriangleMesh, wall_m: float,
     slot = np.full(len(middle), -1, np.int64)
     slot[rest] = np.arange(len(rest))
     rows = np.flatnonzero(slot[on] >= 0)
-    return _Left(middle=middle[rest], area=areas[rest], direction=direction, point_face=slot[on[rows]], point=rows)
+    length = np.maximum(np.linalg.norm(direction, axis=1), 1e-300)
+    return _Left(middle=middle[rest], area=areas[rest], direction=direction, length=length, point_face=slot[on[rows]], point=rows)
 
 
 def _own(left: _Left, seed: int, free: BoolArray, depth: float) -> BoolArray:
     """The free faces that lean as the seed does and lie as far out."""
-    way = left.direction[seed] / max(float(np.linalg.norm(left.direction[seed])), 1e-300)
-    length = np.maximum(np.linalg.norm(left.direction, axis=1), 1e-300)
-    alike = free & (left.direction @ way >= LEANS * length)
-    own = alike & (np.abs((left.middle - left.middle[seed]) @ way) <= depth)
+    way = left.direction[seed] / left.length[seed]
+    alike = np.flatnonzero(free & (left.direction @ way >= LEANS * left.length))
+    middle, area = left.middle[alike], left.area[alike]
+    leaning = area[:, None] * left.direction[alike]
+    own = np.abs((middle - left.middle[seed]) @ way) <= depth
     for _ in range(3):
-        total = (left.area[own, None] * left.direction[own]).sum(axis=0)
+        total = own @ leaning
         way = total / max(float(np.linalg.norm(total)), 1e-300)
-        middle = float(np.average(left.middle[own] @ way, weights=left.area[own]))
-        own = alike & (np.abs(left.middle @ way - middle) <= depth)
+        height = middle @ way
+        own = np.abs(height - float(np.average(height, weights=own * area))) <= depth
         if not own.any():
             break
-    return np.asarray(own)
+    out = np.zeros(len(free), bool)
+    out[alike[own]] = True
+    return out
 
 
 def _ways(normals: FloatArray) -> FloatArray:

@@ -10,9 +10,12 @@ from scan2fea.estimation.member import MemberOptions
 from scan2fea.io import write_scan_ply
 from scan2fea.kernel.sections import section
 from scan2fea.pipeline.config import load_config
+from scan2fea.pipeline.members import told_after_all
+from scan2fea.pipeline.part import Made, Part
 from scan2fea.pipeline.route import RouteOptions, estimate, known_section, route_of
 from scan2fea.pipeline.run import run
-from scan2fea.types import PointCloud, Scan
+from scan2fea.types import Check, PointCloud, Route, Scan
+from scan2fea.verification.verdict import verdict
 
 SIZES = {"a": 0.16, "b": 0.1, "t": 0.012, "length": 0.9}
 SIGMA = 0.001
@@ -80,3 +83,25 @@ def test_reconstruction_can_be_asked_for(tmp_path) -> None:
     (row,) = report["objects"]
     assert row["route"] == "reconstruction" and "route.mode" in row["route_reason"]
     assert not (tmp_path / "out" / "frame.json").exists()
+
+
+def _failed(says: str) -> Check:
+    return Check(name="x", value=1, limit=0, unit="1", passed=False, says=says)
+
+
+def test_what_is_known_of_a_member_is_told_where_nothing_could_be_built() -> None:
+    found = estimate(angle_scan(1500), MemberOptions(), RouteOptions())
+    made = Made(part=Part(id=1, kind="object", scan=angle_scan(1500)), estimate=found, route=Route(name="reconstruction", reason="free form, because"))
+    made.refused, made.checks = [_failed("its end was not seen")], [_failed("open on both sides")]
+    assert made.member is None
+    assert told_after_all(made, "") == ""
+    assert made.member is found.member and made.route is not None and "open on both sides" in made.route.reason
+    assert verdict(made.checks).reason == "its end was not seen"
+
+
+def test_a_member_given_up_stays_so_where_free_form_serves() -> None:
+    found = estimate(angle_scan(1500), MemberOptions(), RouteOptions())
+    made = Made(part=Part(id=1, kind="object", scan=angle_scan(1500)), estimate=found, route=Route(name="reconstruction", reason="free form, because"))
+    made.refused = [_failed("its end was not seen")]
+    assert told_after_all(made, "") == "" and made.member is None and not made.checks
+    assert told_after_all(made, "stopped in the mesher") == "" and made.member is not None

@@ -4,11 +4,13 @@ import pytest
 from predicates import assert_closed_manifold_oriented, assert_no_crossing, extruded, l_beam, moved, rotation, sphere, two_sided
 from scan2fea.errors import ReconstructionError
 from scan2fea.kernel.measures import volume
+from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction import ReconstructionOptions, planar, reconstruct, visibility
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.planar import flattened
 from scan2fea.reconstruction.plane_growing import grow_planes, robust_plane
 from scan2fea.reconstruction.strips import rim_offset
+from scan2fea.simulation.shapes import bracket
 from scan2fea.types import Scan
 from scanned import scanned
 
@@ -103,3 +105,20 @@ def test_rim_is_found_without_bias():
     assert np.mean(found) == pytest.approx(1.0, abs=5e-4) and np.std(found) < 2e-3
     exact = np.concatenate([rng.uniform(0.9, 1.0, 300), np.ones(8)])
     assert rim_offset(exact, 0.995, 0.01, 0.0) == pytest.approx(1.0, abs=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_bore_is_not_a_ring_of_flats(seed):
+    """Each of its flats holds a dozen points and bends within chance; together they do not. The flats of a hexagonal hole stay flats."""
+    scan, _, _ = scanned(_plate_with_hole(64, 0.012), 0.0025, 0.0003, seed=seed)
+    found = reconstruct(scan)
+    assert found.how["method"] == "visibility" and "bent faces" in found.how["not_planar"]
+    assert surface_topology(found.mesh).n_handles == 1
+    scan, _, _ = scanned(_plate_with_hole(6, 0.018), 0.002, 0.0003, seed=seed)
+    found = reconstruct(scan)
+    assert found.how["method"] == "planar", found.how.get("not_planar")
+    assert surface_topology(found.mesh).n_handles == 1
+
+
+def _plate_with_hole(segments, radius):
+    return bracket(0.05, 0.06, 0.01, 0.05, [("b", 0.035, 0.025, radius)], chord_m=radius * (1 - np.cos(np.pi / segments)) * 1.0001)

@@ -25,7 +25,7 @@ from scan2fea.kernel.measures import extent
 from scan2fea.kernel.measures import volume as enclosed_volume
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.surfaces import CONE, SPHERE, Surface
-from scan2fea.kernel.topology import edge_table
+from scan2fea.kernel.topology import edge_table, surface_topology
 from scan2fea.types import BoolArray, Brep, FloatArray, IntArray, TriangleMesh, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
@@ -216,6 +216,9 @@ def _problem(solid: Any, mesh: TriangleMesh, middle: FloatArray, scale: _Scale) 
     if abs(volume / wanted - 1) > VOLUME_OFF:
         return f"the solid of true faces holds {volume / wanted - 1:+.1%} of the volume of the surface more"
     shown, _ = triangles_of(solid, middle, scale.tolerance_m)
+    through = surface_topology(shown).n_handles, surface_topology(mesh).n_handles
+    if through[0] != through[1]:
+        return f"{through[0]} holes go through the solid of true faces, {through[1]} through the surface"
     off = PointToMesh(shown).nearest(mesh.vertices).distance
     back = PointToMesh(mesh).nearest(shown.vertices[np.unique(shown.faces)]).distance
     limit = 2 * scale.reach_m + 2 * scale.tolerance_m

@@ -14,6 +14,7 @@ from scan2fea.types import INTERPOLATED, INVENTED, MEASURED, BoolArray, FloatArr
 REACH_SPACINGS = 1.5  # a measured point every spacing leaves no place farther from one than 1.5, on any lattice
 HOLE_SPACINGS = 5.0  # a place within this of a measured point lies in a small hole: filled between its rims
 NOISE_SIGMAS = 3.0
+STRAY_SPACINGS = 0.5  # half a spacing is as far as a surface between points may cut a corner
 MAX_ROWS = 12  # rows of samples across a face
 
 
@@ -22,7 +23,7 @@ class Deviation(Value):
     """Distances of the measured points from the surface, metres, and of the surface from the points.
 
     mean_m : signed, positive outside.   rms_m, p95_m, max_m : points to surface.   surface_p95_m : surface to its nearest measured points,
-    over the measured area.   per_vertex_m : (n,) mean signed distance of the points nearest to the faces of each vertex, nan where there are none.
+    over the measured area.   stray_share : of the points, farther off than 3 sigma and half a spacing.   per_vertex_m : (n,) mean signed distance of the points nearest to the faces of each vertex, nan where there are none.
     """
 
     mean_m: float
@@ -31,6 +32,7 @@ class Deviation(Value):
     max_m: float
     surface_p95_m: float
     measured_area_fraction: float
+    stray_share: float
     per_vertex_m: FloatArray
 
 
@@ -145,5 +147,6 @@ def deviation(mesh: TriangleMesh, points: FloatArray, spacing_m: float, sigma_m:
         max_m=float(nearest.distance.max(initial=0.0)),
         surface_p95_m=float(np.percentile(gap[measured], 95)) if measured.any() else float("nan"),
         measured_area_fraction=float(share[measured].sum() / (share.sum() or 1.0)),
+        stray_share=float(np.mean(nearest.distance > NOISE_SIGMAS * sigma_m + STRAY_SPACINGS * spacing_m)) if len(seen) else float("nan"),
         per_vertex_m=per_vertex,
     )

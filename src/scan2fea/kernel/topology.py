@@ -60,6 +60,11 @@ class SurfaceTopology:
         return self.n_repeated_directed_edges == 0
 
     @property
+    def n_handles(self) -> int:
+        """Holes that go through, of all shells together (Euler: V - E + F = 2 C - 2 G); of closed manifold surfaces alone."""
+        return self.n_components - (self.n_vertices - self.n_unused_vertices - self.n_faces // 2) // 2
+
+    @property
     def is_clean(self) -> bool:
         """Closed, manifold, oriented, every vertex used, every face with an area."""
         return self.is_closed and self.is_manifold and self.is_oriented and self.n_unused_vertices == 0 and self.n_degenerate_faces == 0

@@ -23,7 +23,7 @@ from scan2fea.kernel.noise import spacing
 from scan2fea.pipeline.config import Config
 from scan2fea.pipeline.drift import moved
 from scan2fea.pipeline.free_form import build_patches
-from scan2fea.pipeline.members import build_member, choose_route
+from scan2fea.pipeline.members import build_member, choose_route, told_after_all
 from scan2fea.pipeline.outputs import BREP, MEMBER, write_object
 from scan2fea.pipeline.part import Made, Part
 from scan2fea.pipeline.record import Record, Tracked
@@ -37,7 +37,7 @@ from scan2fea.types import MEASURED, Brep, FEModel, FEResult, IntArray, Member, 
 from scan2fea.verification.limits import limits
 from scan2fea.verification.mesh import brep_checks, surface_checks, tet_checks
 from scan2fea.verification.response import response_checks
-from scan2fea.verification.shape import deviation_checks, drift_checks
+from scan2fea.verification.shape import deviation_checks, drift_checks, free_form_checks
 
 EASINGS = 5  # times the surface is eased under tets that verification would refuse
 GENTLE = 2  # times free form alone is eased under tets that it would take, but that are flatter than need be
@@ -53,10 +53,11 @@ def convert(part: Part, key: str, config: Config, record: Record, folder: Path) 
     except Exception as error:  # noqa: BLE001 - one object's fault must not cost the others; it is told as ours
         made.stopped = f"a fault of scan2fea ({type(error).__name__}: {error}); please report it"
         record.event("fault", text=traceback.format_exc())
+    made.stopped = told_after_all(made, made.stopped)
     files = write_object(made, folder, config)
     if made.brep is not None:
         save(made.brep, record.folder / BREP)  # for the assembly
-    if made.member is not None:
+    if made.member is not None and not made.refused:
         save(made.member, record.folder / MEMBER)  # for the wireframe
     return object_row(made, files)
 
@@ -190,12 +191,16 @@ def _verify_geometry(made: Made) -> None:
         found = replace(found, measured_area_fraction=1.0)
     made.deviation, made.supported_share = found, supported
     made.surface = replace(surface, face_origin=origin, deviation_m=found.per_vertex_m)
-    made.checks += deviation_checks(found, made.spacing_m, made.sigma_m, supported if made.member is None else None)
+    made.checks += deviation_checks(found, made.spacing_m, made.sigma_m)
+    if made.member is None:
+        made.checks += free_form_checks(found, supported)
     steps = [row["step"] for row in made.drift]
     first = 0 if made.part.mesh is None else steps.index("repair")  # a file with faces may enter open: count from its repair
     ratio = made.thickness[-1] / made.thickness[first]
     thicker = float(np.median(ratio[np.isfinite(ratio)])) - 1 if np.isfinite(ratio).any() else np.nan
-    made.checks += drift_checks(made.drift[-1]["volume_m3"], made.drift[first]["volume_m3"], thicker)
+    settled = steps.index("repair") if made.member is None else 0  # repair may cut handles of noise; after it none may come or go
+    holes = made.handles[-1] - made.handles[settled]
+    made.checks += drift_checks(made.drift[-1]["volume_m3"], made.drift[first]["volume_m3"], thicker, holes)
     made.checks += [*tet_checks(tets, enclosed), *brep_checks(brep, enclosed)]
 
 

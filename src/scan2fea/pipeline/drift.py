@@ -7,7 +7,7 @@ import numpy as np
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.thickness import places_on, thickness_at
-from scan2fea.kernel.topology import edge_table
+from scan2fea.kernel.topology import edge_table, surface_topology
 from scan2fea.pipeline.part import Made
 from scan2fea.types import TriangleMesh
 
@@ -20,6 +20,7 @@ def moved(made: Made, step: str, mesh: TriangleMesh) -> None:
     if made.places is None:
         made.places = places_on(mesh)
     made.thickness.append(thickness_at(mesh, made.places))
+    made.handles.append(surface_topology(mesh).n_handles)
     known = made.thickness[-1][np.isfinite(made.thickness[-1])]
     distance = PointToMesh(mesh).nearest(made.part.scan.cloud.points).distance
     thickness = float(np.median(known)) if len(known) else np.nan

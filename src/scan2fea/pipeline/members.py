@@ -43,10 +43,24 @@ def choose_route(made: Made, source: Tracked[Part], config: Config, record: Reco
     if failed and mode != ESTIMATION:
         denied = contradictions(found.value.given)
         why = f"free form, because as a member of family {member.family}: {failed[0].says}" + (f"; {denied}" if denied else "")
-        made.route = Route(name="reconstruction", reason=why)
+        made.route, made.refused = Route(name="reconstruction", reason=why), list(checks)
         return None
     made.checks += checks
     return Tracked(member, found.key)
+
+
+def told_after_all(made: Made, stopped: str) -> str:
+    """A member that was given up for free form is told where free form did not serve either: what is known of it, and what it lacks.
+
+    stopped : why the chain ended, "" where it did not. Returns that of the object: of the member.
+    """
+    estimated = made.estimate
+    if not made.refused or estimated is None or not (stopped or any(not check.passed for check in made.checks)):
+        return stopped
+    free = stopped or next(check.says for check in made.checks if not check.passed)
+    made.route = Route(name="estimation", reason=f"{estimated.reason}; free form does not serve either: {free}")
+    made.checks = [*made.refused, *made.checks]
+    return ""
 
 
 def _n_told(found: Estimate) -> int:

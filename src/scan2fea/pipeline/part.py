@@ -49,10 +49,12 @@ class Made:
     model: FEModel | None = None
     result: FEResult | None = None
     checks: list[Check] = field(default_factory=list)
+    refused: list[Check] = field(default_factory=list)  # those of a member that explains the points but is not known well enough to be built
     supported_share: float = 0.0  # of the area: not seen, but resting on a plane that was
     drift: list[dict[str, Any]] = field(default_factory=list)
     places: FloatArray | None = None  # where the thickness is followed through the steps
     thickness: list[FloatArray] = field(default_factory=list)  # one per step of the drift ledger
+    handles: list[int] = field(default_factory=list)  # holes that go through, likewise
     stopped: str = ""  # why the chain ended early
 
     @property

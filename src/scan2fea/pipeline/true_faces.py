@@ -17,7 +17,7 @@ from scan2fea.remeshing import worst_dihedral
 from scan2fea.tetmeshing import Filled, FillOptions, fill
 from scan2fea.types import Brep, TetMesh, TriangleMesh
 from scan2fea.verification.limits import limits
-from scan2fea.verification.shape import deviation_checks
+from scan2fea.verification.shape import deviation_checks, free_form_checks
 
 TRUE, FACETS = "true faces", "facets"
 
@@ -84,5 +84,6 @@ def _problem(made: Made, tets: TetMesh) -> str:
         return f"true faces were found, but the tets inside come out as flat as {worst:.3g} deg (limit {limit:g})"
     cloud = made.part.scan.cloud
     off = deviation(boundary_surface(tets), cloud.points, made.spacing_m, made.sigma_m, cloud.is_inferred)
-    failed = [check for check in deviation_checks(off, made.spacing_m, made.sigma_m, None) if not check.passed]
+    checks = (*deviation_checks(off, made.spacing_m, made.sigma_m), *free_form_checks(off, 1.0))
+    failed = [check for check in checks if not check.passed]
     return f"true faces were found, but {failed[0].says}" if failed else ""

@@ -16,6 +16,8 @@ from scan2fea.pipeline.config import load_config
 from scan2fea.pipeline.run import run
 from scan2fea.registration.register import register
 from scan2fea.registration.surface import common_edge, surface_of
+from scan2fea.simulation.sampling import blue_noise
+from scan2fea.simulation.shapes import bracket
 from scan2fea.types import FloatArray, PointCloud, Rays, Scan
 
 N_POINTS = 1500
@@ -38,8 +40,16 @@ def _angle() -> FloatArray:
     return np.asarray(np.c_[xy, 0.5 * (k * 0.6180339887498949 % 1.0)], np.float64)
 
 
+def _bracket(rng: np.random.Generator) -> FloatArray:
+    """(n, 3) noisy points on an angle plate with a hole."""
+    points, _ = blue_noise(bracket(0.1, 0.1, 0.02, 0.1, [("a", 0.06, 0.05, 0.015)]), 0.004, seed=0)
+    return np.asarray(points + rng.normal(0.0, 2e-4, points.shape))
+
+
 def main() -> None:
-    """A member is fitted, two frames are registered; then a ball goes through both ways of the reconstruction: with sensor positions and without."""
+    """A member is fitted, two frames are registered; then a ball goes through both ways of the reconstruction, with sensor positions and without, and
+    a bracket through flat and true faces.
+    """
     rng = np.random.default_rng(0)
     frames = [Scan(cloud=PointCloud.of(_angle() + rng.normal(0.0, 0.001, (N_POINTS, 3)))) for _ in range(2)]
     fit_member(frames[0])
@@ -52,6 +62,7 @@ def main() -> None:
         for name, scan in {
             "seen": Scan(cloud=PointCloud.of(points, ray=np.arange(N_POINTS)), rays=rays),
             "bare": Scan(cloud=PointCloud.of(points)),
+            "flat": Scan(cloud=PointCloud.of(_bracket(rng))),
         }.items():
             path = Path(folder) / f"{name}.ply"
             write_scan_ply(path, scan)

@@ -5,26 +5,29 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.stats import f as f_distribution
 
 from scan2fea.kernel.coverage import unmeasured_share
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_areas, volume
+from scan2fea.kernel.primitives import Plane
 from scan2fea.reconstruction.evidence import at_most, mm
 from scan2fea.reconstruction.gates_surface import deviation, mean_curvature, stray
 from scan2fea.reconstruction.hidden_volume import HIDDEN_VOLUME, hidden_volume
 from scan2fea.reconstruction.plane_growing import Planes, tolerance_m
+from scan2fea.reconstruction.rounds import on_rounds
 from scan2fea.reconstruction.visibility import Reconstruction
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, PointCloud, TriangleMesh
 
-UNEXPLAINED = 0.02  # of the points may lie on none of the flat faces
+UNEXPLAINED = 0.01  # of the points may lie on none of the flat faces
 EXCESS = 1.15  # scatter of the points about the faces against their noise
 BENT = 0.01  # of the points may lie on faces that are bent
-BEND_SIGMAS, BEND_NOISE = 6.0, 0.3  # a quadric bends by more than chance, and by more than this share of the noise
+BEND_CHANCE, BEND_NOISE = 1e-6, 0.3  # a quadric bends by more than chance, and by more than this share of the noise
 BEND_SPACING = 0.02
 CURED = frozenset(
     {"edges in the noise", "edges between points", "deviation p95", "stray points", "unmeasured area", HIDDEN_VOLUME}
 )
-LEAST_BEND = 40  # points of a face that can tell whether it is bent
+LEAST_POINTS, MANY = 10, 40  # of a face: to be tested whether it is bent, and to be tested alone
 UNCERTAIN = 0.02  # of the volume that the places of the planes leave open
 APART = 0.03  # of the volume that the solid and the first surface differ by, besides what rims explain
 UNMEASURED = 0.10
@@ -56,7 +59,7 @@ def gates_planar(cloud: PointCloud, first: Reconstruction, mesh: TriangleMesh, p
             "scatter about flat faces", scatter, EXCESS * sigma + BEND_SPACING * h,
             f"points scatter {mm(scatter)} about the flat faces against a noise of {mm(sigma)}: faces are missing or not flat", "m",
         ),
-        _bent(measured[held], face[held], region, planes, sigma, h),
+        _bent(measured[held], face[held], region, planes, on_rounds(mesh, measured[held], h), sigma, h),
         at_most(
             "place of the planes", open_m3 / body, UNCERTAIN,
             f"the noise leaves {open_m3 / body:.1%} of the volume open (limit {UNCERTAIN:.0%}): scan more, or with less noise",
@@ -93,25 +96,39 @@ def _rims(mesh: TriangleMesh, spacing_m: float, sigma_m: float) -> float:
     return RIM_CUT * spacing_m**2 * curvature + sigma_m * curvature * max(spacing_m, sigma_m)
 
 
-def _bent(points: FloatArray, face: IntArray, region: IntArray, planes: Planes, sigma_m: float, spacing_m: float) -> Check:
-    """Points on faces whose residuals a quadric explains better than chance would: a barrel taken for flats."""
-    bent: BoolArray = np.zeros(len(points), bool)
+def _bent(
+    points: FloatArray, face: IntArray, region: IntArray, planes: Planes, rounds: BoolArray, sigma_m: float, spacing_m: float
+) -> Check:
+    """Points on faces whose residuals a quadric explains better than chance would: a barrel taken for flats.
+
+    Faces of few points are tested together: five flats of a dozen points each round a bore bend all alike, none of them beyond chance.
+    rounds : (n,) points on flats that one cylinder explains.
+    """
     of = region[face]
+    groups: dict[int, list[tuple[IntArray, float, float]]] = {}
     for number in np.unique(of):
         rows = np.flatnonzero(of == number)
-        if len(rows) < LEAST_BEND:
-            continue
-        plane = planes.plane(int(number) // 2)
-        across = points[rows] @ plane.axes().T
-        local = (across - across.mean(axis=0)) / np.maximum(across.std(axis=0), 1e-300)
-        height = plane.distance(points[rows])
-        x, y = local.T
-        basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-        flat = height - basis[:, :3] @ np.linalg.lstsq(basis[:, :3], height, rcond=None)[0]
-        curve = basis @ np.linalg.lstsq(basis, height, rcond=None)[0] - basis[:, :3] @ np.linalg.lstsq(basis[:, :3], height, rcond=None)[0]
-        swing = float(np.sqrt(np.mean(curve**2)))
-        chance = float(flat.std()) * math.sqrt(3.0 / len(rows))
-        bent[rows] = swing > max(BEND_SIGMAS * chance, BEND_NOISE * sigma_m + BEND_SPACING * spacing_m)
-    share = float(np.mean(bent)) if len(bent) else 0.0
+        if len(rows) >= LEAST_POINTS:
+            bend, left = _squares(points[rows], planes.plane(int(number) // 2))
+            groups.setdefault(int(number) if len(rows) >= MANY else -1, []).append((rows, bend, left))
+    bent: BoolArray = np.zeros(len(points), bool)
+    for faces in groups.values():
+        every = np.concatenate([rows for rows, _, _ in faces])
+        bend, left = sum(b for _, b, _ in faces), sum(r for _, _, r in faces)
+        terms, free = 3 * len(faces), len(every) - 6 * len(faces)
+        ratio = bend / terms / max(left / free, 1e-300)
+        swing = math.sqrt(bend / len(every))
+        bent[every] = swing > BEND_NOISE * sigma_m + BEND_SPACING * spacing_m and float(f_distribution.sf(ratio, terms, free)) < BEND_CHANCE
+    share = float(np.mean(bent | rounds)) if len(bent) else 0.0
     return at_most("bent faces", share, BENT, f"{share:.1%} of the points lie on faces that are bent, not flat (limit {BENT:.0%})")
 
+
+def _squares(points: FloatArray, plane: Plane) -> tuple[float, float]:
+    """Sums of squares of heights over a plane: what the three terms that bend of a quadric explain, and what it leaves."""
+    across = points @ plane.axes().T
+    x, y = ((across - across.mean(axis=0)) / np.maximum(across.std(axis=0), 1e-300)).T
+    height = plane.distance(points)
+    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    flat = basis[:, :3] @ np.linalg.lstsq(basis[:, :3], height, rcond=None)[0]
+    curved = basis @ np.linalg.lstsq(basis, height, rcond=None)[0]
+    return float(((curved - flat) ** 2).sum()), float(((height - curved) ** 2).sum())

@@ -10,24 +10,27 @@ from scan2fea.verification.mesh import relative
 NOISE_SIGMAS = 3.0  # 99.7 % of the points of a Gaussian scanner lie within
 
 
-def deviation_checks(found: Deviation, spacing_m: float, sigma_m: float, supported_share: float | None) -> tuple[Check, ...]:
-    """Points to surface within the noise or the spacing, whichever is larger; and enough of the surface seen.
+def deviation_checks(found: Deviation, spacing_m: float, sigma_m: float) -> tuple[Check, ...]:
+    """Points to surface within the noise or the spacing, whichever is larger."""
+    return (at_most("shape.deviation_p95", found.p95_m, max(NOISE_SIGMAS * sigma_m, spacing_m)),)
+
+
+def free_form_checks(found: Deviation, supported_share: float) -> tuple[Check, ...]:
+    """Hardly a point off the surface, such as those of a hole that was lost; and enough of the surface seen. Members are held to their own model.
 
     supported_share : share of the area that lies on a support plane, which closes it without being seen; it counts as known.
-        None: the surface is that of a fitted member, which follows from the faces that were seen.
     """
-    near = at_most("shape.deviation_p95", found.p95_m, max(NOISE_SIGMAS * sigma_m, spacing_m))
-    if supported_share is None:
-        return (near,)
-    return near, at_least("shape.measured_area", min(1.0, found.measured_area_fraction + supported_share))
+    seen = min(1.0, found.measured_area_fraction + supported_share)
+    return at_most("shape.stray_points", found.stray_share), at_least("shape.measured_area", seen)
 
 
-def drift_checks(volume_m3: float, first_volume_m3: float, thicker: float) -> tuple[Check, ...]:
+def drift_checks(volume_m3: float, first_volume_m3: float, thicker: float, handles: int) -> tuple[Check, ...]:
     """What repair, remeshing and meshing did to the volume and the walls since the reconstruction.
 
-    thicker : median over places of the relative change of the wall's thickness there.
+    thicker : median over places of the relative change of the wall's thickness there.   handles : holes that go through, now against then.
     """
     return (
+        at_most("shape.holes_changed", abs(handles)),
         at_most("shape.volume_drift", relative(volume_m3, first_volume_m3)),
         at_most("shape.thickness_drift", abs(thicker)),
     )

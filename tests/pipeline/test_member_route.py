@@ -91,7 +91,7 @@ def _failed(says: str) -> Check:
 
 def test_what_is_known_of_a_member_is_told_where_nothing_could_be_built() -> None:
     found = estimate(angle_scan(1500), MemberOptions(), RouteOptions())
-    made = Made(part=Part(id=1, kind="object", scan=angle_scan(1500)), estimate=found, route=Route(name="reconstruction", reason="free form, because"))
+    made = Made(part=Part(id=1, kind="object", scan=angle_scan(1500)), estimate=found, route=Route(name="reconstruction", reason="because"))
     made.refused, made.checks = [_failed("its end was not seen")], [_failed("open on both sides")]
     assert made.member is None
     assert told_after_all(made, "") == ""
@@ -101,7 +101,7 @@ def test_what_is_known_of_a_member_is_told_where_nothing_could_be_built() -> Non
 
 def test_a_member_given_up_stays_so_where_free_form_serves() -> None:
     found = estimate(angle_scan(1500), MemberOptions(), RouteOptions())
-    made = Made(part=Part(id=1, kind="object", scan=angle_scan(1500)), estimate=found, route=Route(name="reconstruction", reason="free form, because"))
+    made = Made(part=Part(id=1, kind="object", scan=angle_scan(1500)), estimate=found, route=Route(name="reconstruction", reason="because"))
     made.refused = [_failed("its end was not seen")]
     assert told_after_all(made, "") == "" and made.member is None and not made.checks
     assert told_after_all(made, "stopped in the mesher") == "" and made.member is not None

@@ -23,7 +23,8 @@ class Deviation(Value):
     """Distances of the measured points from the surface, metres, and of the surface from the points.
 
     mean_m : signed, positive outside.   rms_m, p95_m, max_m : points to surface.   surface_p95_m : surface to its nearest measured points,
-    over the measured area.   stray_share : of the points, farther off than 3 sigma and half a spacing.   per_vertex_m : (n,) mean signed distance of the points nearest to the faces of each vertex, nan where there are none.
+    over the measured area.   stray_share : of the points, farther off than 3 sigma and half a spacing.
+    per_vertex_m : (n,) mean signed distance of the points nearest to the faces of each vertex, nan where there are none.
     """
 
     mean_m: float

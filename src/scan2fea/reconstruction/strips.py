@@ -40,7 +40,7 @@ MIX_ROUNDS = 8
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Left(Value):
-    """The faces of the first surface that no plane explains: their middles, areas, local directions (shorter where these differ), and their points."""
+    """The faces of the first surface that no plane explains: their middles, areas, local directions (shorter where these differ), points."""
 
     middle: FloatArray
     area: FloatArray

@@ -53,6 +53,59 @@ def test_a_ball_is_no_member(tmp_path, capsys):
     assert main(["fit", str(path), "--unit", "m"]) == 4
 
 
+RNG = np.random.default_rng(5)
+BALL = RNG.normal(size=(2000, 3))
+POOR = {
+    "49 points are too few": RNG.random((49, 3)),
+    "lie on one line": np.c_[RNG.random(300), np.zeros((300, 2))],
+    "are at one place": np.ones((100, 3)),
+    "on one line across its axis": np.c_[RNG.random((2000, 2)), np.zeros(2000)],  # a plane without any thickness
+    "no axis do the points lie on the outline": 0.2 * BALL / np.linalg.norm(BALL, axis=1)[:, None],
+}
+
+
+@pytest.mark.parametrize("says", POOR)
+def test_points_that_are_no_member_are_one_line(says, tmp_path, capsys):
+    path = tmp_path / "poor.ply"
+    write_cloud_ply(path, PointCloud.of(POOR[says]), {})
+    assert main(["fit", str(path), "--unit", "m"]) in (3, 4)
+    told = capsys.readouterr().err
+    assert says in told, told
+    assert len(told.strip().splitlines()) == 1
+
+
+def test_two_members_are_said_to_be_two_and_a_stub_to_be_short(tmp_path, capsys):
+    one = scanned(made("L", 1.0, L, sigma=0.0005), 3000, 0.0005, 1)
+    other = scanned(made("L", 1.0, L, shift=(0.4, 0, 0), sigma=0.0005), 3000, 0.0005, 2)
+    for name, points, says in (
+        ("two", np.r_[one, other], "two members in one cluster (L and L, side by side"),
+        ("stub", one[one[:, 2] < 0.09], "shorter than its section is wide"),
+    ):
+        path = tmp_path / f"{name}.ply"
+        write_cloud_ply(path, PointCloud.of(points), {})
+        assert main(["fit", str(path), "--unit", "m"]) == 4
+        assert says in capsys.readouterr().out
+
+
+def test_a_sensor_within_the_solid_is_not_believed(tmp_path, capsys):
+    path = tmp_path / "beam.ply"
+    write_cloud_ply(path, PointCloud.of(scanned(made("rect", 1.0, {"b": 0.1, "t": 0.06}, sigma=0.0005), 3000, 0.0005, 1)), {})
+    assert main(["fit", str(path), "--unit", "m", "--family", "rect", "--sensor-position", "0", "0", "0.5"]) == 0
+    assert "lies within the solid" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [("family,name,a_mm,t_mm\nL,x,100,8\n", "needs the column 'b_mm'"), ("family,name,a_mm,b_mm,t_mm\nL,x,5,5,0.25\n", "look like inches")],
+)
+def test_a_catalogue_that_cannot_be_used_is_one_line(beam, text, says, tmp_path, capsys):
+    path = tmp_path / "mine.csv"
+    path.write_text(text, encoding="utf-8")
+    assert main(["fit", str(beam), "--unit", "m", "--catalogue", str(path)]) == 3
+    told = capsys.readouterr().err
+    assert says in told and "mine.csv" in told and len(told.strip().splitlines()) == 1
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "says"),
     [

@@ -72,8 +72,9 @@ def axes_of(points: FloatArray, seed: int = 0, max_degree: int = 4) -> tuple[Axi
     first = _along(some, middle, vectors[:, 2], max_degree)
     if first.ends[1] - first.ends[0] >= _SLENDER * first.size_m:
         return (first,)
-    found = [first, *(_along(some, middle, vectors[:, k], max_degree) for k in (1, 0))]
-    order = sorted(range(3), key=lambda k: (-found[k].sharpness, k))
+    wide = [k for k in (1, 0) if values[k] > (_COLLINEAR**2) * values[2]]  # none runs square to a plane that has no thickness at all
+    found = [first, *(_along(some, middle, vectors[:, k], max_degree) for k in wide)]
+    order = sorted(range(len(found)), key=lambda k: (-found[k].sharpness, k))
     return tuple(found[k] for k in order)
 
 

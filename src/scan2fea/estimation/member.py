@@ -27,7 +27,7 @@ from scan2fea.estimation.prismatic import is_prismatic
 from scan2fea.estimation.swept import Sweep, sweep_of
 from scan2fea.estimation.systematic import face_error, thinned_spacing, widened
 from scan2fea.estimation.two_sided import blended
-from scan2fea.estimation.with_rays import needs_rays, refined
+from scan2fea.estimation.with_rays import needs_rays, refined, sensor_inside
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.noise_kernels import KERNELS
 from scan2fea.kernel.pinned import SEEN, pinned
@@ -73,7 +73,7 @@ class MemberFit(Value):
     length_std_m : of the distance between the end planes on the axis.   section : the fit it came from, in `axis`.   ends : in the member's frame.
     p_fixed : probability of data as far from the fixed dimensions as these if those were true; None where none was fixed or the points tell none.
     given : each fixed or nominal dimension beside what the points say of it.
-    why : dimension -> why it is not observable; "rays" -> why known rays were not used.   method : "density" or "rays".
+    why : dimension -> why it is not observable; "rays", "sensor" -> why known rays were not used.   method : "density" or "rays".
     n_axes : provisional axes tried.
     """
 
@@ -125,7 +125,10 @@ def fit_member(
         found = bar if bar.explains else found
     if _may_change(found, fixed or {}):
         found = _with_change(points, found, options, families)
-    if found.member.change is None and not _is_hopeless(found.explanation) and needs_rays(scan, found.member, found.explains):
+    inside = sensor_inside(scan, found.member)
+    if inside:
+        found = dataclasses.replace(found, why={**found.why, "sensor": inside})
+    elif found.member.change is None and not _is_hopeless(found.explanation) and needs_rays(scan, found.member, found.explains):
         member, told, why_not = refined(scan, found.member, found.explanation, fixed or {}, families, options.seed)
         by_rays = not why_not
         found = dataclasses.replace(

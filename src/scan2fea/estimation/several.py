@@ -15,6 +15,7 @@ from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from scan2fea.errors import EstimationError, InputError
+from scan2fea.estimation.axis import axes_of
 from scan2fea.estimation.member import MemberFit, MemberOptions, fit_member
 from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.noise import noise_sigma, sampled_rows
@@ -56,7 +57,9 @@ def several_members(points: FloatArray, fit: MemberFit | None, options: MemberOp
     A cluster that one member explains is only looked at for pieces side by side.
     """
     some = sampled_rows(len(points), _POINTS, options.seed)
-    part = _side_by_side(points[some], fit) if fit is not None else None
+    part = _side_by_side(points[some], sweep_of_member(fit.member).coordinates(points[some])[:, :2], fit.member.sigma_m) if fit is not None else None
+    if part is None and (fit is None or not fit.explains):  # the axis of what explains nothing may be none of theirs
+        part = _along_the_longest(points[some], options.seed)
     found = None if part is None else _both(points[some], part, "side by side", options)
     if found is None and (fit is None or not fit.explains):
         part = _crossing(points[some], options.seed)
@@ -67,11 +70,22 @@ def several_members(points: FloatArray, fit: MemberFit | None, options: MemberOp
     return Several(how=found.how, families=found.families, apart_m=found.apart_m, of=found.of[near])
 
 
-def _side_by_side(points: FloatArray, fit: MemberFit) -> IntArray | None:
-    """(n,) 0 or 1 for the two largest pieces of the points seen along the axis, -1 for others; None where there is one piece."""
-    xy = sweep_of_member(fit.member).coordinates(points)[:, :2]
+def _along_the_longest(points: FloatArray, seed: int) -> IntArray | None:
+    """As `_side_by_side` along the most slender of the axes that a single member would be tried along; None where the noise is not known."""
+    try:
+        axis = max(axes_of(points, seed, 1), key=lambda axis: (axis.ends[1] - axis.ends[0]) / axis.size_m)
+    except EstimationError:
+        return None
+    return _side_by_side(points, axis.straightened(points)[:, :2], math.inf)
+
+
+def _side_by_side(points: FloatArray, xy: FloatArray, sigma_m: float) -> IntArray | None:
+    """(n,) 0 or 1 for the two largest pieces of the points seen along an axis as xy (n, 2), -1 for others; None where there is one piece."""
     local = noise_sigma(points)  # the member's own is wide where it is the wrong one
-    label, count = _pieces(xy, 4 * min(fit.member.sigma_m, local if math.isfinite(local) else math.inf))
+    sigma_m = min(sigma_m, local if math.isfinite(local) else math.inf)
+    if not math.isfinite(sigma_m):
+        return None
+    label, count = _pieces(xy, 4 * sigma_m)
     large = [int(k) for k in np.argsort(-count)[:2] if count[k] >= _PART * len(points)]
     if len(large) < 2 or _is_around(xy[label == large[0]], xy[label == large[1]]) or _is_around(xy[label == large[1]], xy[label == large[0]]):
         return None

@@ -10,13 +10,15 @@ import numpy as np
 
 from scan2fea.errors import EstimationError, UsageError
 from scan2fea.estimation.anneal import walls
-from scan2fea.estimation.explain import Explanation, explanation
+from scan2fea.estimation.explain import Explanation, explanation, outline_distance
 from scan2fea.estimation.ray_likelihood import RayOptions, fit_rays
-from scan2fea.kernel.sections import PARAMETERS
+from scan2fea.estimation.swept import sweep_of_member
+from scan2fea.kernel.sections import PARAMETERS, section
 from scan2fea.types import Member, Parameter, Scan
 
 _SETTLED = 0.3  # noise over wall: below, the points alone place both sides of every wall (shape-estimation.md, method 7)
 _QUICK_RAYS = 3_000
+_DEEP = 4.0  # sigma
 _MIN_KNOWN = 0.5  # share of the points whose ray is known
 
 
@@ -27,6 +29,23 @@ def needs_rays(scan: Scan, member: Member, explains: bool) -> bool:
     values = member.values()
     thinnest = min((values[name] for name in walls(member.family)), default=math.inf)
     return not explains or member.sigma_m > _SETTLED * thinnest or any(not one.observable for one in member.parameters)
+
+
+def sensor_inside(scan: Scan, member: Member) -> str:
+    """Why the rays cannot be believed: a sensor stood within the solid, deeper than noise; "" where none did, or where no ray is known.
+
+    A sensor within the opening of a tube stands outside the solid.
+    """
+    if scan.rays is None or len(scan.rays.origin) == 0:
+        return ""
+    origins = np.unique(scan.rays.origin[np.unique(scan.cloud.ray[scan.cloud.ray >= 0])], axis=0)
+    local = sweep_of_member(member).coordinates(origins)
+    depth = -outline_distance(section(member.family, member.values()), local[:, :2])[0]
+    within = (depth > _DEEP * member.sigma_m) & (local[:, 2] > 0) & (local[:, 2] < member.values()["length"])
+    if not within.any():
+        return ""
+    at = ", ".join(f"{x:.4g}" for x in origins[int(np.argmax(depth * within))])
+    return f"the sensor position ({at}) m lies within the solid, {1e3 * float(depth[within].max()):.2g} mm deep: it is not used; check it"
 
 
 def refined(

@@ -121,6 +121,7 @@ def _reason(fit: MemberFit) -> str:
     said = [fit.reason]
     if fit.p_fixed is not None:
         said.append(f"the dimensions given have a p-value of {fit.p_fixed:.3g}")
+    said += [fit.why["sensor"]] if "sensor" in fit.why and fit.explains else []
     denied = contradictions(fit.given)
     return "; ".join([*said, denied] if denied else said)
 

@@ -19,16 +19,16 @@ from scan2fea.fea import check_options
 from scan2fea.io import InputOptions, RawScan, read_scan, write_cloud_ply, write_trajectory
 from scan2fea.io.files import existing_file, sha256_of, write_bytes
 from scan2fea.pipeline.assigned import assigned, resolved
+from scan2fea.pipeline.chosen import chosen_of
 from scan2fea.pipeline.config import Config, to_toml
 from scan2fea.pipeline.frames import trajectory_of_all
 from scan2fea.pipeline.labels import edited, labels_text, read_rows
-from scan2fea.pipeline.objects import convert_all, parts_of, with_faces
+from scan2fea.pipeline.objects import convert_all, parts_of
 from scan2fea.pipeline.outputs import write_assembly, write_members
 from scan2fea.pipeline.record import KEEP, Record, Say, Tracked, key_of
 from scan2fea.pipeline.results import assumed_unit, finite_tree, input_row, run_report
 from scan2fea.pipeline.route import known_section, table_of
 from scan2fea.pipeline.scene import Scene, clean, place_all, segment
-from scan2fea.segmentation import select
 from scan2fea.types import Segments
 
 MARKS = ("report.json", "config.toml", KEEP)  # what tells a folder of ours from somebody's
@@ -55,7 +55,7 @@ def run(
         scene = record("clean", clean, scene, options=config.filtering, n_in=_n_points(scene.value), count=_n_points)
         found = record("segment", segment, scene, options=config.segmentation, n_in=_n_points(scene.value), count=lambda s: len(s.kinds))
         segments = _edited(out, found, scene.value, resume)
-        chosen = select(scene.value.scan.cloud, segments, config.select, with_faces(scene.value, segments))
+        chosen = chosen_of(scene.value, segments, config.select)
         parts = parts_of(scene.value, segments, chosen, config)
         named = assigned(known, {part.id: part.scan.cloud.points for part in parts}, scene.value.shift_m)
         _write_scene(out, rows, scene.value, segments)

@@ -14,6 +14,7 @@ from scan2fea import __version__
 from scan2fea.errors import UsageError, require
 from scan2fea.io import write_cloud_ply, write_text
 from scan2fea.io.files import write_bytes
+from scan2fea.pipeline.chosen import chosen_of
 from scan2fea.pipeline.config import Config, to_toml
 from scan2fea.pipeline.labels import labels_text
 from scan2fea.pipeline.record import Record
@@ -21,7 +22,7 @@ from scan2fea.pipeline.results import finite_tree
 from scan2fea.pipeline.run import read_all
 from scan2fea.pipeline.scene import Scene, clean, place_all, segment
 from scan2fea.pipeline.segment_rows import segment_rows
-from scan2fea.segmentation import Selection, select
+from scan2fea.segmentation import Selection
 from scan2fea.segmentation.metrics import agreement
 from scan2fea.types import PointCloud, Segments
 
@@ -46,7 +47,7 @@ def segment_files(inputs: Sequence[Path], out: Path, config: Config, picture: Pi
     scene = clean(scene, config.filtering)
     segments = segment(scene, config.segmentation)
     cloud = scene.scan.cloud
-    chosen = select(cloud, segments, config.select)
+    chosen = chosen_of(scene, segments, config.select)
     report = dict(finite_tree(_report(rows, scene, segments, chosen, config)))
     try:
         out.mkdir(parents=True, exist_ok=True)

@@ -41,3 +41,10 @@ class SelectOptions:
     min_share: float = option(0.01, "Segments of fewer points than this share of the largest object are left out", minimum=0.0, maximum=1.0)
     max_objects: int = option(50, "At most this many objects, the largest", minimum=1)
     kinds: tuple[str, ...] = option(("object",), "Kinds of segments to model: object, support, clutter")
+    labels: tuple[int, ...] = option((), "Only these labels of labels.csv, whatever their kind; none: all")
+    least_m: float = option(0.0, "Segments whose box has a shorter diagonal are left out", unit="m", minimum=0.0)
+    most_m: float | None = option(None, "Segments whose box has a longer diagonal are left out; none: no limit", unit="m", minimum=0.0)
+    box_m: tuple[float, float, float, float, float, float] | None = option(
+        None, "Only segments whose middle lies in this box of the input: x, y, z of one corner, then of the opposite one", unit="m"
+    )
+    near_m: tuple[float, float, float] | None = option(None, "Only the segment with the point nearest to this place of the input", unit="m")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from scan2fea.errors import UsageError, require
 from scan2fea.segmentation.options import SelectOptions
 from scan2fea.types import PointCloud, Segments
 
@@ -29,26 +30,63 @@ def select(cloud: PointCloud, segments: Segments, options: SelectOptions = Selec
     """The segments of the wanted kinds that have enough points, largest first.
 
     given : labels of segments that came with faces: of those no number of points is too few, for the vertices of a mesh do not tell its size.
-    The order depends on the points alone: by number of points, descending, then by the first point.
+    The order depends on the points alone: by number of points, descending, then by the first point. Places are in the frame of the cloud.
+    Raises UsageError for a label that does not exist.
     """
     n = len(segments.kinds)
     counts = np.bincount(segments.labels[segments.labels >= 0], minlength=n)
     first = np.full(n, len(cloud))
     np.minimum.at(first, segments.labels[segments.labels >= 0], np.flatnonzero(segments.labels >= 0))
     order = sorted((label for label in range(n) if counts[label]), key=lambda label: (-counts[label], first[label]))
-    wanted = [label for label in order if segments.kinds[label] in options.kinds]
+    says = f"select.labels {list(options.labels)}: the scene has the labels 0 to {n - 1}, see labels.csv"
+    require(all(0 <= label < n for label in options.labels), UsageError, says)
+    left_out: dict[str, list[int]] = {}
+    if options.labels:
+        wanted = _keep(order, lambda label: label in options.labels, "not among select.labels", left_out)
+    else:
+        wanted = order
+        for kind in (kind for kind in KINDS if kind not in options.kinds):
+            others = {label: segments.kinds[label] != kind for label in wanted}
+            wanted = _keep(wanted, others.__getitem__, f"of kind {kind}", left_out)
+    wanted = _by_place(cloud, segments, options, wanted, left_out)
     least = max(float(options.min_points), options.min_share * max((counts[label] for label in wanted), default=0))
-    enough = {label: bool(counts[label] >= least or label in given) for label in wanted}
-    chosen = [label for label in wanted if enough[label]]
-    left_out = {f"of kind {kind}": [label for label in order if segments.kinds[label] == kind] for kind in KINDS if kind not in options.kinds}
     few = f"with fewer than {round(least)} points (select.min_points, select.min_share)"
-    left_out[few] = [label for label in wanted if not enough[label]]
+    chosen = _keep(wanted, lambda label: bool(counts[label] >= least or label in given), few, left_out)
     left_out[f"beyond select.max_objects = {options.max_objects}"] = chosen[options.max_objects :]
     why = {label: f"not modelled: {reason}" for reason, labels in left_out.items() for label in labels}
     labels = tuple(chosen[: options.max_objects])
     why |= {label: f"to be modelled: object {number}" for number, label in enumerate(labels, start=1)}
     notes = (_note(labels, reason) for reason, labels in left_out.items())
     return Selection(labels=labels, notes=tuple(note for note in notes if note), why=why)
+
+
+def _keep(labels: list[int], wanted: Callable[[int], bool], why_not: str, left_out: dict[str, list[int]]) -> list[int]:
+    """The wanted labels; the others are entered in `left_out` under the reason."""
+    left_out[why_not] = [label for label in labels if not wanted(label)]
+    return [label for label in labels if wanted(label)]
+
+
+def _by_place(cloud: PointCloud, segments: Segments, options: SelectOptions, labels: list[int], left_out: dict[str, list[int]]) -> list[int]:
+    """The labels of the wanted size and place."""
+    if options.least_m <= 0 and options.most_m is None and options.box_m is None and options.near_m is None:
+        return labels
+    own = {label: cloud.points[segments.labels == label] for label in labels}
+    low, high = {k: p.min(axis=0) for k, p in own.items()}, {k: p.max(axis=0) for k, p in own.items()}
+    size = {label: float(np.linalg.norm(high[label] - low[label])) for label in labels}
+    most = np.inf if options.most_m is None else options.most_m
+    labels = _keep(labels, lambda label: size[label] >= options.least_m, f"smaller than select.least_m = {options.least_m:g} m", left_out)
+    labels = _keep(labels, lambda label: size[label] <= most, f"larger than select.most_m = {most:g} m", left_out)
+    if options.box_m is not None:
+        corners = np.array(options.box_m).reshape(2, 3)
+        first, last = corners.min(axis=0), corners.max(axis=0)
+        middle = {label: (low[label] + high[label]) / 2 for label in labels}
+        inside = {label: bool(((middle[label] >= first) & (middle[label] <= last)).all()) for label in labels}
+        labels = _keep(labels, inside.__getitem__, "outside select.box_m", left_out)
+    if options.near_m is not None and labels:
+        away = {label: float(((own[label] - np.array(options.near_m)) ** 2).sum(axis=1).min()) for label in labels}
+        nearest = min(labels, key=lambda label: (away[label], label))
+        labels = _keep(labels, lambda label: label == nearest, "not the nearest to select.near_m", left_out)
+    return labels
 
 
 def _note(labels: list[int], why: str) -> str:

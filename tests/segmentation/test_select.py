@@ -1,0 +1,50 @@
+"""[select] by label, kind, size, box and nearest point; each reason is told."""
+
+import numpy as np
+import pytest
+
+from scan2fea.errors import UsageError
+from scan2fea.segmentation import SelectOptions, select
+from scan2fea.types import PointCloud, Segments
+
+
+def scene():
+    """A support and three cubes of edge 1, 2, 3 m at x = 10, 20, 30 with 30, 20, 10 points."""
+    rng = np.random.default_rng(0)
+    parts = [10 * rng.random((40, 3)) - [0, 0, 20]]
+    for k, n in ((1, 30), (2, 20), (3, 10)):
+        cube = rng.random((n, 3))
+        cube[:2] = [[0, 0, 0], [1, 1, 1]]
+        parts.append(k * cube + [10 * k, 0, 0])
+    labels = np.repeat(np.arange(4), [len(p) for p in parts])
+    return PointCloud.of(np.concatenate(parts)), Segments(labels=labels, kinds=("support", "object", "object", "object"), how={})
+
+
+@pytest.mark.parametrize(
+    ("options", "labels"),
+    [
+        ({}, (1, 2, 3)),
+        ({"labels": (3, 0)}, (0, 3)),
+        ({"kinds": ("support",)}, (0,)),
+        ({"least_m": 2 * 3**0.5 - 1e-9}, (2, 3)),
+        ({"least_m": 2 * 3**0.5 + 1e-9}, (3,)),
+        ({"most_m": 2 * 3**0.5 + 1e-9}, (1, 2)),
+        ({"box_m": (25.0, 5.0, 5.0, 9.0, -1.0, -1.0)}, (1, 2)),
+        ({"box_m": (10.5, 0.5, 0.5, 10.5, 0.5, 0.5)}, (1,)),
+        ({"near_m": (23.0, 2.0, 2.0)}, (2,)),
+        ({"near_m": (23.0, 2.0, 2.0), "labels": (1, 3)}, (3,)),
+    ],
+)
+def test_selects(options, labels):
+    cloud, segments = scene()
+    found = select(cloud, segments, SelectOptions(min_points=4, min_share=0.0, **options))
+    assert found.labels == labels
+    assert set(found.why) == {0, 1, 2, 3}
+    for number, label in enumerate(found.labels, start=1):
+        assert found.why[label] == f"to be modelled: object {number}"
+    assert all(found.why[label].startswith("not modelled: ") for label in set(range(4)) - set(labels))
+
+
+def test_a_label_that_is_not_there_is_told():
+    with pytest.raises(UsageError, match=r"select\.labels \[7\]: the scene has the labels 0 to 3"):
+        select(*scene(), SelectOptions(labels=(7,)))

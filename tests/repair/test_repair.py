@@ -7,6 +7,7 @@ from predicates import assert_closed_manifold_oriented, assert_no_crossing, asse
 from scan2fea.errors import RepairError
 from scan2fea.kernel.measures import volume
 from scan2fea.repair import RepairOptions, repair
+from scan2fea.repair.stitch import stitched
 from scan2fea.types import TriangleMesh
 
 BOX = box(pitch=0.1)
@@ -129,6 +130,24 @@ def test_pinched_and_crowded_parts_are_parted():
 def test_two_parts_are_refused():
     with pytest.raises(RepairError, match="2 separate shells"):
         repair(together(BOX, moved(BOX, np.eye(3), np.full(3, 3.0))))
+
+
+def test_cracks_are_stitched_and_holes_are_not():
+    """A ball in two halves whose rims are off by a hundredth of an edge; a gap of a tenth of an edge is no crack."""
+    upper = BALL.vertices[BALL.faces].mean(1)[:, 2] > 0.3
+    edge = np.linalg.norm(np.diff(BALL.vertices[BALL.faces][:, :2], axis=1), axis=2).min()
+    noise = np.random.default_rng(0).uniform(-0.004, 0.004, BALL.vertices.shape) * edge
+    halves = together(mesh_of(BALL.vertices, BALL.faces[~upper]), mesh_of(BALL.vertices + noise, BALL.faces[upper]))
+    kept = halves.vertices.copy()
+    fixed = repair(halves)
+    assert_sound(fixed.mesh)
+    assert "stitched cracks" in fixed.steps and fixed.n_holes == 0
+    assert len(fixed.mesh.vertices) == len(BALL.vertices) and len(fixed.mesh.faces) == len(BALL.faces)
+    assert volume(fixed.mesh) == pytest.approx(volume(BALL), rel=1e-2)
+    assert np.array_equal(halves.vertices, kept)
+    apart = together(mesh_of(BALL.vertices, BALL.faces[~upper]), mesh_of(BALL.vertices + [0, 0, 0.1 * edge], BALL.faces[upper]))
+    assert stitched(apart) is apart
+    assert stitched(BALL) is BALL
 
 
 def test_a_shell_inside_another_is_told_as_a_cavity():

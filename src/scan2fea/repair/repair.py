@@ -25,6 +25,7 @@ from scan2fea.repair.clean import (
     without_unused,
 )
 from scan2fea.repair.holes import HolesFilled, filled_free, least_area, without_faces
+from scan2fea.repair.stitch import stitched
 from scan2fea.types import IntArray, TriangleMesh, Value
 
 ROUNDS = 6  # of cutting crossings out and filling the hole, each a ring of faces wider
@@ -67,6 +68,7 @@ CLEANING: tuple[tuple[str, Callable[[TriangleMesh], TriangleMesh]], ...] = (
     ("dropped repeated faces", without_duplicates),
     ("dropped flat faces", without_flat_faces),
     ("took fins off", without_fins),
+    ("stitched cracks", stitched),
     ("cut crowded edges and pinched vertices open", split_fans),
     ("turned faces to agree", oriented),
     ("cut edges open that two faces pass in one direction", split_fans),

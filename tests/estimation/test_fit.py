@@ -9,6 +9,7 @@ from scan2fea.errors import InputError, UsageError
 from scan2fea.estimation.fit import FitOptions, fit_section
 from scan2fea.kernel.section_likelihood import faces, information
 from scan2fea.kernel.sections import PARAMETERS, ROUND, section
+from scan2fea.simulation.member import MemberScanOptions, member_points
 
 SHAPES = {
     "L": (0.16, 0.1, 0.012),
@@ -240,3 +241,12 @@ def test_errors_name_what_is_wrong():
     with pytest.raises(InputError, match=r"only \d+ points lie in z"):
         fit_section(points, z_range=(0.0, 0.1))
     assert fit_section(points[:50], FitOptions(families=("L",))).n_used >= 40  # the threshold itself
+
+
+def test_a_flat_bar_under_uniform_noise_is_no_thin_tube():
+    """Two faces 3.5 sigma apart under Gauss's law look like one face under uniform noise: the bar must be asked under that law as well."""
+    values = {"b": 0.12, "t": 0.012, "length": 1.2}
+    points = member_points("rect", values, 6000, MemberScanOptions(noise_m=0.0012, noise="uniform", seed=0))
+    found = fit_section(points, FitOptions(families=("rect", "RHS", "C")))
+    assert found.family == "rect" and found.noise == "uniform" and found.families["rect"] > 0.99
+    assert abs(found.value("t") - 0.012) < 4 * found.std[1]

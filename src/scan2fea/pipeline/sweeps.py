@@ -13,6 +13,7 @@ from scan2fea.types import FloatArray, IntArray, Rays, Scan, Trajectory, Value
 
 HOUR_S = 3600.0  # the clock of a Velodyne unit begins again
 _MAD = 1.4826
+_PARTS, _FEW = 64, 0.02  # of a turn; a part with so few returns of the fullest is empty
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -47,7 +48,8 @@ def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Traj
     period = _period(time, raw.sweep)
     if not period > 0:
         return raw, None
-    at = (time - time.min()) / period
+    begun = _cut(time, period)
+    at = (time - begun) / period
     sweep = np.floor(at).astype(np.int64)
     order = np.lexsort((at, sweep))
     sweeps = Sweeps(points=raw.scan.cloud.points[order], sweep=_packed(sweep[order]), share=(at - sweep)[order], period_s=period)
@@ -59,7 +61,7 @@ def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Traj
         reach = float(np.linalg.norm(found.T_world_knot[:, :3, 3], axis=1).max())
         says = f"its scanner stood still: {len(sweeps)} sweeps were taken for one (they move by at most {reach:.2g} m, which is no more than chance)"
         return replace(raw, notes=(*_without_turns(raw), says)), None
-    knots = time.min() + period * np.arange(len(found.T_world_knot))
+    knots = begun + period * np.arange(len(found.T_world_knot))
     path = SweepPath(frame=frame, time_s=knots, T_frame_knot=found.T_world_knot, std_m=found.std_m, std_rad=found.std_rad)
     far = float(np.linalg.norm(found.T_world_knot[-1, :3, 3]))
     says = (
@@ -110,6 +112,23 @@ def _period(time_s: FloatArray, turn: IntArray) -> float:
     np.minimum.at(begun, packed, time_s)
     steps = np.diff(begun[1:]) if len(used) > 3 else np.diff(begun)
     return float(np.median(steps / np.diff(used[1:] if len(used) > 3 else used)))
+
+
+def _cut(time_s: FloatArray, period: float) -> float:
+    """When the first sweep begins: in the middle of the longest stretch of a turn without returns, so that no thing is cut in two moments."""
+    start = float(time_s.min())
+    share = ((time_s - start) / period) % 1.0
+    count = np.bincount((share * _PARTS).astype(np.int64), minlength=_PARTS)[:_PARTS]
+    empty = count <= _FEW * count.max()
+    if not empty.any() or empty.all():
+        return start
+    twice = np.concatenate([empty, empty]).astype(np.int64)
+    run = np.zeros(2 * _PARTS, np.int64)
+    for k in range(2 * _PARTS):
+        run[k] = (run[k - 1] + 1 if k else 1) * twice[k]
+    end = int(np.argmax(np.minimum(run, _PARTS)))
+    middle = ((end + 1 - 0.5 * run[end]) / _PARTS) % 1.0
+    return start + (middle - 1.0) * period
 
 
 def _packed(sweep: IntArray) -> IntArray:

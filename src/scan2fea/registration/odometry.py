@@ -176,11 +176,11 @@ def _in_turn(sweeps: Sweeps, edge: float, sigma_m: float) -> FloatArray:
         predicted = T[-1] @ step
         found = predicted
         world: _Map | None = None
-        for round_ in range(_FIRST_ROUNDS if k < 3 else _ROUNDS):
+        for _ in range(_FIRST_ROUNDS if k < 3 else _ROUNDS):
             if world is None or k == 1:
                 steps[0] = step if k == 1 else steps[0]
                 world = _Map([applied(T[j], deskewed(*parts[j], steps[j])) for j in range(max(0, k - MAP_SWEEPS), k)], edge)
-            reach = REACH_EDGES * edge * (2.0 if k < 3 and round_ == 0 else 1.0)
+            reach = REACH_EDGES * edge
             source = deskewed(*parts[k], step)
             found = _matched(source, world, found, reach, sigma_m, None if k == 1 else (predicted, *_freedom(sweeps.period_s)))
             step = inverse(T[-1]) @ found

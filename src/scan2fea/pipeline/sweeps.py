@@ -61,7 +61,7 @@ def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Traj
         reach = float(np.linalg.norm(found.T_world_knot[:, :3, 3], axis=1).max())
         says = f"its scanner stood still: {len(sweeps)} sweeps were taken for one (they move by at most {reach:.2g} m, which is no more than chance)"
         return replace(raw, notes=(*_without_turns(raw), says)), None
-    knots = begun + period * np.arange(len(found.T_world_knot))
+    knots = np.asarray(begun + period * np.arange(len(found.T_world_knot)), np.float64)
     path = SweepPath(frame=frame, time_s=knots, T_frame_knot=found.T_world_knot, std_m=found.std_m, std_rad=found.std_rad)
     far = float(np.linalg.norm(found.T_world_knot[-1, :3, 3]))
     says = (
@@ -127,8 +127,8 @@ def _cut(time_s: FloatArray, period: float) -> float:
     for k in range(2 * _PARTS):
         run[k] = (run[k - 1] + 1 if k else 1) * twice[k]
     end = int(np.argmax(np.minimum(run, _PARTS)))
-    middle = ((end + 1 - 0.5 * run[end]) / _PARTS) % 1.0
-    return start + (middle - 1.0) * period
+    middle = ((end + 1 - 0.5 * float(run[end])) / _PARTS) % 1.0
+    return float(start + (middle - 1.0) * period)
 
 
 def _packed(sweep: IntArray) -> IntArray:

@@ -176,6 +176,8 @@ def settled(points: FloatArray, normals: FloatArray, planes: list[Plane], spacin
         if len(joined) == len(planes) and np.array_equal(label, before):
             break
         planes, before = joined, label
+    else:  # the last round joined planes once more: the labels are still those of before
+        label = assigned(points, normals, planes, off)
     count = np.bincount(label[label >= 0], minlength=len(planes))
     order = np.argsort(-count, kind="stable")
     rank = np.empty(len(planes) + 1, np.int64)

@@ -138,7 +138,7 @@ def main():
     done = [json.loads(line) for line in args.state.read_text().splitlines()] if args.state.exists() else []
     for name, edge in cases:
         for noise in NOISE_MM[1:2] if args.quick else NOISE_MM:
-            title = Path(name).stem
+            title = Path(name).name  # of a file with its suffix: a body made here may bear the same name
             if args.only not in title or any((r["body"], r["noise_mm"]) == (title, noise) for r in done):
                 continue
             command = [sys.executable, __file__, "--child", name, str(edge), str(noise)]

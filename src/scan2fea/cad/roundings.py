@@ -29,7 +29,8 @@ def without_roundings(mesh: TriangleMesh, patches: Patches, reach_m: float, know
         rows = np.flatnonzero(label == number)
         if not len(rows) or area[number] > 0.02 * near.areas.sum() or any(_same_plane(patches.surfaces[number], k, reach_m) for k in known):
             continue
-        if _is_rounding(near, patches.surfaces, rows, _beside(near, label, rows), reach_m):
+        others = [k for k in np.unique(label[label >= 0]).tolist() if k != number]
+        if _is_rounding(near, patches.surfaces, rows, _beside(near, label, rows), others, reach_m):
             label[rows] = -1
     kept = np.unique(label[label >= 0])
     packed = np.full(len(patches.surfaces) + 1, -1, np.int64)
@@ -55,7 +56,8 @@ def _beside(near: Near, label: IntArray, rows: IntArray) -> list[int]:
     return sorted(names)
 
 
-def _is_rounding(near: Near, surfaces: tuple[Surface, ...], rows: IntArray, names: list[int], reach: float) -> bool:
+def _is_rounding(near: Near, surfaces: tuple[Surface, ...], rows: IntArray, names: list[int], others: list[int], reach: float) -> bool:
+    """names : the surfaces beside the patch.   others : all of them, as the third face of a corner need not touch what is left of its rounding."""
     if len(names) < 2:
         return False
     corners = near.mesh.vertices[np.unique(near.mesh.faces[rows])]
@@ -66,7 +68,12 @@ def _is_rounding(near: Near, surfaces: tuple[Surface, ...], rows: IntArray, name
         for j in range(i):
             angled = np.abs(np.einsum("vc,vc->v", normal[i], normal[j])) < MEETS
             meets |= close[i] & close[j] & angled
-    return bool(meets.all()) and _is_between(near, rows, normal)
+    if not meets.all():
+        return False
+    if float(near.areas[rows].sum()) <= reach**2:
+        return True  # smaller than a rounding is wide: what it looks at is chance
+    within = [k for k in others if k in names or float(np.abs(surfaces[k].distance(corners)).min()) <= reach]
+    return _is_between(near, rows, np.stack([surfaces[k].normals(corners) for k in within]))
 
 
 def _is_between(near: Near, rows: IntArray, beside: FloatArray) -> bool:

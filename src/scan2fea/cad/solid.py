@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -21,7 +21,7 @@ from scan2fea.cad.step_occ import named, step_of_solid
 from scan2fea.cad.surfaces import Fit, Snap, simplest, snapped
 from scan2fea.errors import CadError
 from scan2fea.kernel.distances import PointToMesh
-from scan2fea.kernel.measures import extent
+from scan2fea.kernel.measures import extent, face_areas
 from scan2fea.kernel.measures import volume as enclosed_volume
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.surfaces import CONE, SPHERE, Surface
@@ -34,6 +34,7 @@ TOLERANCES = (1.0, 2.0)  # times the noise of the vertices for which the segment
 MARGINS = (1.0, 3.0, 8.0)  # times the reach by which faces are drawn beyond their region
 SMOOTH = 0.5  # share of the borders of patches without an angle: more is free form in pieces (0 to 0.3 on bodies of few faces, 0.83 on a blob)
 UNEXPLAINED = 0.004  # share of the area that may lie on no surface: more is free form
+SCRAPS = 0.01  # of the area: surfaces that a wider tolerance does without
 FIT_POINTS = 60_000
 VOLUME_OFF = 0.03  # of the volume of the surface: reconstructions of thin walls are a little too thick or thin
 CHORD = 0.1  # of the tolerance: how closely the solid is cut into triangles to be compared
@@ -94,8 +95,7 @@ def true_solid(
     reason = ""
     stands = [] if resting is None else resting_planes(*resting, scale.tolerance_m)
     known = [r.surface for r in stands]
-    for factor in TOLERANCES:
-        patches = without_roundings(mesh, segmented(mesh, factor * scale.tolerance_m, known), factor * scale.reach_m, known)
+    for factor, patches in _candidates(mesh, known, scale):
         lost = unexplained(mesh, patches, factor * scale.reach_m)
         said = _refused(patches, lost)
         if said:
@@ -109,6 +109,25 @@ def true_solid(
             return _none(f"{found.reason}{len(patches.surfaces)} pieces of surfaces that pass smoothly into each other: a free form")
         reason = found.reason
     return _none(reason)
+
+
+def _candidates(mesh: TriangleMesh, known: list[Surface], scale: _Scale) -> Iterator[tuple[float, Patches]]:
+    """The segmentations, the tight one first unless what it has more than the wide one are scraps: rounded creases in pieces."""
+    made = (
+        (f, without_roundings(mesh, segmented(mesh, f * scale.tolerance_m, known), f * scale.reach_m, known)) for f in TOLERANCES
+    )  # fmt: skip
+    tight = next(made)
+    if smooth_share(mesh, tight[1]) > SMOOTH:
+        yield tight
+        yield from made
+        return
+    wide = next(made)
+    area = face_areas(mesh)
+    sizes = np.sort(np.bincount(tight[1].label + 1, weights=area, minlength=len(tight[1].surfaces) + 1)[1:])
+    more = len(tight[1].surfaces) - len(wide[1].surfaces)
+    scraps = more > 0 and float(sizes[:more].sum()) <= SCRAPS * float(area.sum())
+    wide_first = scraps and not _refused(wide[1], unexplained(mesh, wide[1], wide[0] * scale.reach_m))
+    yield from (wide, tight) if wide_first else (tight, wide)
 
 
 def _none(reason: str) -> Trued:

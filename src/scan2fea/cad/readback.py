@@ -58,6 +58,16 @@ def read_back(step: str) -> ReadBack:
     )  # fmt: skip
 
 
+def box_m(step: str) -> FloatArray:
+    """(2, 3) lowest and highest coordinates as Open Cascade tells them from the surfaces of the text alone; too wide for some that stand askew."""
+    from OCP.Bnd import Bnd_Box
+    from OCP.BRepBndLib import BRepBndLib
+
+    box = Bnd_Box()
+    BRepBndLib.AddOptimal_s(shape_of(step), box, False, False)
+    return np.array([[at.X(), at.Y(), at.Z()] for at in (box.CornerMin(), box.CornerMax())]) / MILLIMETRES_PER_METRE
+
+
 def shape_of(step: str) -> Any:
     """What a STEP text holds, as `shape_of_step`."""
     with tempfile.TemporaryDirectory() as folder:

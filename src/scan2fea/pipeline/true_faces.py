@@ -5,10 +5,13 @@ Where one fails the surface goes the way of free form (triangles to facets), and
 
 from __future__ import annotations
 
-from scan2fea.cad import CadOptions, Trued
+import numpy as np
+
+from scan2fea.cad import CadOptions, Trued, box_m
 from scan2fea.errors import StageError
 from scan2fea.kernel.boundary import boundary_surface
 from scan2fea.kernel.coverage import deviation
+from scan2fea.kernel.measures import extent
 from scan2fea.pipeline.config import Config
 from scan2fea.pipeline.faces_worker import true_solid_in_child
 from scan2fea.pipeline.part import Made, Part
@@ -20,6 +23,7 @@ from scan2fea.verification.limits import limits
 from scan2fea.verification.shape import deviation_checks, free_form_checks
 
 TRUE, FACETS = "true faces", "facets"
+BOX_OFF = 0.005  # of the size
 
 
 def build_true(
@@ -33,6 +37,9 @@ def build_true(
     )  # fmt: skip
     made.how["cad_route"], made.how["cad_reason"] = FACETS, found.value.reason
     if found.value.brep is None:
+        return None
+    made.how["cad_reason"] = _misplaced(*_both(found.value))
+    if made.how["cad_reason"]:
         return None
     try:
         filled = record("tets", _fill, found, options=config.tetmeshing, n_in=_n_faces(found.value), count=lambda f: len(f.tets.tets))
@@ -87,3 +94,11 @@ def _problem(made: Made, tets: TetMesh) -> str:
     checks = (*deviation_checks(off, made.spacing_m, made.sigma_m), *free_form_checks(off, 1.0))
     failed = [check for check in checks if not check.passed]
     return f"true faces were found, but {failed[0].says}" if failed else ""
+
+
+def _misplaced(mesh: TriangleMesh, brep: Brep) -> str:
+    """Whether other programs would see the solid elsewhere: the box of a surface of revolution that stands askew comes out too wide."""
+    off = float(np.abs(box_m(brep.step) - np.stack([mesh.vertices.min(0), mesh.vertices.max(0)])).max())
+    if off <= BOX_OFF * extent(mesh.vertices):
+        return ""
+    return f"true faces were found, but their box in the STEP file reaches {off * 1e3:.3g} mm beyond them (limit {BOX_OFF:.1%} of the size)"

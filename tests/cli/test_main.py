@@ -8,7 +8,7 @@ from scan2fea.cli.main import main
 
 def test_help_needs_no_heavy_library():
     code = (
-        "import sys; from scan2fea.cli.main import parser; parser(); print([m for m in ('numpy','scipy','numba','gmsh','OCP') if m in sys.modules])"
+        "import sys; from scan2fea.cli.parser import parser; parser(); print([m for m in ('numpy','scipy','numba','gmsh','OCP') if m in sys.modules])"
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert told.stdout.strip() == "[]"

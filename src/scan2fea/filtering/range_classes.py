@@ -11,6 +11,7 @@ import numpy as np
 
 from scan2fea.filtering.range_image import RangeImage
 from scan2fea.kernel.jit import jit
+from scan2fea.kernel.union_find import join, root
 from scan2fea.types import FloatArray, IntArray
 
 WINDOW = 32  # columns
@@ -24,20 +25,6 @@ def classes(image: RangeImage, tau_m: FloatArray) -> IntArray:
     label = np.full(image.range_m.shape, -1, np.int64)
     _classified(image.range_m, tau_m, image.is_closed, WINDOW, label)
     return label
-
-
-@jit
-def _find(parent: IntArray, k: int) -> int:
-    while parent[k] != k:
-        parent[k] = parent[parent[k]]
-        k = parent[k]
-    return k
-
-
-@jit
-def _join(parent: IntArray, a: int, b: int) -> None:
-    a, b = _find(parent, a), _find(parent, b)
-    parent[max(a, b)] = min(a, b)
 
 
 @jit
@@ -60,14 +47,14 @@ def _classified(ranges: FloatArray, tau: FloatArray, is_closed: bool, window: in
                 for r in range(first_of_window[after], first_of_window[after + 1]):
                     near = tau[row, min(k * window, n_columns - 1)]
                     if abs(middle[s] - middle[r]) <= near:
-                        _join(parent, s, r)
+                        join(parent, s, r)
             left = _last(label[row], k * window, min((k + 1) * window, n_columns))
             right = _first(label[row], after * window, min((after + 1) * window, n_columns))
             if left >= 0 and right >= 0 and abs(ranges[row, left] - ranges[row, right]) <= tau[row, left]:
-                _join(parent, label[row, left], label[row, right])
+                join(parent, label[row, left], label[row, right])
         for column in range(n_columns):
             if label[row, column] >= 0:
-                label[row, column] = _find(parent, label[row, column])
+                label[row, column] = root(parent, label[row, column])
 
 
 @jit

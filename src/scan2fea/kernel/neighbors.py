@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from scan2fea.errors import InternalError, require
 from scan2fea.kernel.jit import jit
+from scan2fea.kernel.union_find import join, root
 from scan2fea.types import FloatArray, IntArray
 
 # Cells of edge r/sqrt(3) have a diagonal of r: all points of one cell are joined untested. The hair below 1 keeps that true under
@@ -63,14 +64,6 @@ def slot_of(i: np.int64, j: np.int64, k: np.int64, cells: IntArray, table: IntAr
         if c < 0 or (cells[c, 0] == i and cells[c, 1] == j and cells[c, 2] == k):
             return slot
         slot = (slot + 1) & mask
-
-
-@jit
-def _root(parent: IntArray, i: int) -> int:
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
 
 
 @jit
@@ -130,16 +123,16 @@ def _components(points: FloatArray, low: FloatArray, radius: float, edge: float,
             other = table[slot_of(cells[c, 0] + offsets[o, 0], cells[c, 1] + offsets[o, 1], cells[c, 2] + offsets[o, 2], cells, table)]
             if other < 0:
                 continue
-            a, b = _root(parent, c), _root(parent, other)
-            if a != b and _touch(points, order, start[c], start[c + 1], start[other], start[other + 1], radius):
-                parent[max(a, b)] = min(a, b)
+            is_apart = root(parent, c) != root(parent, other)
+            if is_apart and _touch(points, order, start[c], start[c + 1], start[other], start[other + 1], radius):
+                join(parent, c, other)
     label_of_root = np.full(n_cells, -1, np.int64)
     labels = np.zeros(len(points), np.int64)
     n_labels = 0
     for p in range(len(points)):
-        root = _root(parent, cell_of[p])
-        if label_of_root[root] < 0:
-            label_of_root[root] = n_labels
+        r = root(parent, cell_of[p])
+        if label_of_root[r] < 0:
+            label_of_root[r] = n_labels
             n_labels += 1
-        labels[p] = label_of_root[root]
+        labels[p] = label_of_root[r]
     return labels

@@ -11,6 +11,7 @@ import numpy as np
 
 from scan2fea.errors import InternalError, require
 from scan2fea.kernel.jit import jit
+from scan2fea.kernel.union_find import join, root
 from scan2fea.types import FloatArray, IntArray
 
 _LEAF = 12
@@ -40,28 +41,18 @@ def tree_parts(edges: IntArray, n: int) -> IntArray:
 
 
 @jit
-def _root(parent: IntArray, i: int) -> int:
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
-
-
-@jit
 def _parts(edges: IntArray, n: int) -> IntArray:
     parent = np.arange(n)
     for e in range(len(edges)):
-        a, b = _root(parent, edges[e, 0]), _root(parent, edges[e, 1])
-        if a != b:
-            parent[max(a, b)] = min(a, b)
+        join(parent, edges[e, 0], edges[e, 1])
     number, labels = np.full(n, -1, np.int64), np.zeros(n, np.int64)
     found = 0
     for p in range(n):
-        root = _root(parent, p)
-        if number[root] < 0:
-            number[root] = found
+        r = root(parent, p)
+        if number[r] < 0:
+            number[r] = found
             found += 1
-        labels[p] = number[root]
+        labels[p] = number[r]
     return labels
 
 
@@ -198,12 +189,9 @@ def _boruvka(points: FloatArray, start: IntArray, stop: IntArray, left: IntArray
                 if d < best[other]:
                     best[other], one[other], two[other] = d, q, p
         for c in range(n):
-            if part[c] == c and best[c] < np.inf:
-                a, b = _root(parent, c), _root(parent, part[two[c]])
-                if a != b:
-                    parent[max(a, b)] = min(a, b)
-                    edges[count, 0], edges[count, 1], squared[count] = one[c], two[c], best[c]
-                    count += 1
+            if part[c] == c and best[c] < np.inf and join(parent, c, part[two[c]]):
+                edges[count, 0], edges[count, 1], squared[count] = one[c], two[c], best[c]
+                count += 1
         for p in range(n):
-            part[p] = _root(parent, p)
+            part[p] = root(parent, p)
     return edges, squared

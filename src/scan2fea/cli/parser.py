@@ -1,0 +1,155 @@
+"""The command line: what each command takes. One function a command; options that several share are added by one function each."""
+
+from __future__ import annotations
+
+import argparse
+from typing import TYPE_CHECKING
+
+from scan2fea import __version__
+
+if TYPE_CHECKING:
+    Commands = argparse._SubParsersAction[argparse.ArgumentParser]
+
+
+def parser() -> argparse.ArgumentParser:
+    """The whole command line: one function per command below, in the order of the help."""
+    top = argparse.ArgumentParser(prog="scan2fea", description="From raw 3D scans to checked finite element models.", allow_abbrev=False)
+    top.add_argument("--version", action="version", version=f"scan2fea {__version__}")
+    commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for add in (_run, _demo, _simulate, _plan, _check, _info, _fit, _register, _segment, _reconstruct, _config, _view):
+        add(commands)
+    return top
+
+
+def _run(commands: Commands) -> None:
+    run = commands.add_parser("run", help="scans to solved, checked FE models", allow_abbrev=False)
+    _add_scans(run, "scan files (or closed meshes) of one scene")
+    run.add_argument("--resume", action="store_true", help="go on in OUT: what is unchanged is not made again; labels.csv may have been edited")
+    _add_poses(run)
+    run.add_argument("--labels", metavar="COLUMN", help="take the objects from this column (name or number) [input.labels]")
+    _add_member(run, "section of every object, where it is known: L127x127x6.35 (mm), HE 140 A, W8X31 [route.member]")
+    _add_options(run)
+
+
+def _demo(commands: Commands) -> None:
+    demo = commands.add_parser("demo", help="a simulated lab scan through everything", allow_abbrev=False)
+    demo.add_argument("-o", "--out", default="scan2fea-demo", metavar="OUT")
+    _add_options(demo)
+
+
+def _simulate(commands: Commands) -> None:
+    simulate = commands.add_parser("simulate", help="scan a scene of exact solids: points, truth, meshes, STEP, picture", allow_abbrev=False)
+    simulate.add_argument("scene", metavar="SCENE", help="a scene file (TOML), or lab (the source thesis's room), or demo")
+    simulate.add_argument("-o", "--out", required=True, metavar="OUT", help="folder for everything that is made")
+    _add_scene_options(simulate)
+    simulate.add_argument(
+        "--format", action="append", metavar="F", help="ply (default: everything known of each point), pcd, ptx, las or xyz; repeatable"
+    )
+    simulate.add_argument("--no-step", action="store_true", help="leave the STEP files out: of finely curved objects they take longer than the scan")
+
+
+def _plan(commands: Commands) -> None:
+    plan = commands.add_parser("plan", help="what planned stations will see of a scene, and which dimensions that will tell", allow_abbrev=False)
+    plan.add_argument("scene", metavar="SCENE", help="a scene file (TOML), or lab, or demo")
+    _add_scene_options(plan)
+    plan.add_argument("--json", action="store_true", help="print the plan as JSON")
+
+
+def _check(commands: Commands) -> None:
+    check = commands.add_parser("check", help="would a solver accept this mesh or deck, is this STEP file one solid?", allow_abbrev=False)
+    check.add_argument("file", metavar="MESH")
+    check.add_argument("--json", action="store_true", help="print the figures as JSON")
+
+
+def _info(commands: Commands) -> None:
+    info = commands.add_parser("info", help="what a file holds", allow_abbrev=False)
+    info.add_argument("file", metavar="FILE")
+    info.add_argument("--unit", help="unit of the file where its format states none")
+
+
+def _fit(commands: Commands) -> None:
+    fit = commands.add_parser("fit", help="the points of one file as one member: dimensions with standard deviations", allow_abbrev=False)
+    _add_scan(fit)
+    fit.add_argument("-o", "--out", metavar="MEMBER.json", help="write the member here too")
+    fit.add_argument("--family", help="family of its section: L, I, C, T, RHS, CHS, rect, round [estimation.family]")
+    _add_member(fit, "section that is known: L127x127x6.35 (mm), HE 140 A, W8X31 [route.member]")
+    _add_options(fit)
+
+
+def _register(commands: Commands) -> None:
+    register = commands.add_parser("register", help="scans into one frame: cloud.ply, trajectory.txt and how sure each place is", allow_abbrev=False)
+    _add_scans(register)
+    _add_poses(register)
+    _add_options(register)
+
+
+def _segment(commands: Commands) -> None:
+    segment = commands.add_parser("segment", help="scans to one label per point: cloud.ply, labels.csv and a picture", allow_abbrev=False)
+    _add_scans(segment)
+    methods = "euclidean (default), kmeans, fuzzy_cmeans, agglomerative, divisive, given, single [segmentation.method]"
+    segment.add_argument("--method", metavar="M", help=methods)
+    _add_poses(segment)
+    segment.add_argument("--labels", metavar="COLUMN", help="true labels of the file (name or number), to compare with [input.labels]")
+    _add_options(segment)
+
+
+def _reconstruct(commands: Commands) -> None:
+    reconstruct = commands.add_parser("reconstruct", help="the points of one file as one closed surface", allow_abbrev=False)
+    _add_scan(reconstruct)
+    reconstruct.add_argument("-o", "--out", required=True, metavar="OUT", help="folder for what is made")
+    methods = "visibility (default), planar, advancing_front, scale_space, ball_pivoting [reconstruction.method]"
+    reconstruct.add_argument("--method", metavar="M", help=methods)
+    _add_options(reconstruct)
+
+
+def _config(commands: Commands) -> None:
+    config = commands.add_parser("config", help="print every option, with its explanation, as TOML", allow_abbrev=False)
+    _add_options(config, seed=False)
+
+
+def _view(commands: Commands) -> None:
+    view = commands.add_parser("view", help="open the report of a run", allow_abbrev=False)
+    view.add_argument("out", metavar="OUT")
+
+
+def _add_scans(command: argparse.ArgumentParser, what: str = "scan files of one scene") -> None:
+    """Several files in, one folder out."""
+    command.add_argument("inputs", nargs="+", metavar="INPUT", help=what)
+    command.add_argument("-o", "--out", required=True, metavar="OUT", help="folder for everything that is made")
+    _add_reading(command, "each file")
+
+
+def _add_scan(command: argparse.ArgumentParser) -> None:
+    """One file in."""
+    command.add_argument("file", metavar="FILE")
+    _add_reading(command, "the file")
+
+
+def _add_reading(command: argparse.ArgumentParser, which: str) -> None:
+    command.add_argument("--unit", help="unit of the input where its format states none [input.unit]")
+    command.add_argument(
+        "--sensor-position", nargs=3, type=float, metavar=("X", "Y", "Z"), help=f"where the scanner stood, in the frame and unit of {which}"
+    )
+
+
+def _add_poses(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--poses", metavar="FILE", help="where each input stood (bun.conf, TUM, KITTI, 4x4) [registration.poses]")
+    command.add_argument("--calibration", metavar="FILE", help="calib.txt of KITTI: from scans to the camera of --poses [registration.calibration]")
+
+
+def _add_member(command: argparse.ArgumentParser, what: str) -> None:
+    command.add_argument("--member", metavar="D", help=what)
+    command.add_argument("--catalogue", metavar="FILE", help="CSV table of sections instead of the shipped one [route.catalogue]")
+
+
+def _add_scene_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--sensor", metavar="S", help="scan with this sensor alone, e.g. terrestrial or hdl32e")
+    command.add_argument("--noise", metavar="N", help='noise of every sensor, e.g. "2 mm" (standard deviation) or "uniform:20 mm" (half width)')
+    command.add_argument("--seed", type=int, default=0, help="seed of everything random")
+
+
+def _add_options(command: argparse.ArgumentParser, *, seed: bool = True) -> None:
+    command.add_argument("-c", "--config", metavar="FILE.toml", help="options, as `scan2fea config` prints them")
+    command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", dest="settings", help="one option, e.g. select.min_points=500")
+    if seed:
+        command.add_argument("--seed", type=int, help="seed of everything random [run.seed]")

@@ -12,8 +12,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import erfc
-from scipy.stats import poisson
+from scipy.special import erfc, gammainc
 
 from scan2fea.errors import UsageError, require
 from scan2fea.estimation.field import ResidualField, residual_field
@@ -212,7 +211,8 @@ def _deep(cells: _Cells) -> list[_Hit]:
     """Cells with more points deep inside the member than its clutter puts there: a surface that should not be."""
     rate = np.array([np.sort(row)[: max(1, len(row) * 3 // 4)].mean() for row in cells.deep])  # damage is local: the lower three quarters
     expected = np.maximum(rate, max(float(cells.deep.mean()), 0.05))
-    p = np.minimum(1.0, cells.deep.size * poisson.sf(cells.deep - 1, expected[:, None]))
+    # gammainc(k, m): chance of k or more where Poisson expects m
+    p = np.minimum(1.0, cells.deep.size * gammainc(cells.deep, expected[:, None]))
     places = zip(*np.nonzero((p < LEVEL) & (cells.deep >= LEAST_POINTS)), strict=True)
     return [_Hit(strip=int(i), n_strips=1, place=int(k), n_places=1, depth_m=0.0, std_m=1.0, p_value=float(p[i, k])) for i, k in places]
 

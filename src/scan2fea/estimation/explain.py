@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 from scipy.spatial import cKDTree
-from scipy.stats import chi2
+from scipy.special import chdtr, chdtrc
 
 from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.jit import jit
@@ -259,7 +259,7 @@ def _cells(surface: _Surface, side: BoolArray, shape: Section, length: float, si
     off = (z2 > _SE**2) & (np.abs(away[good]) > tolerance)
     pattern = math.sqrt(max(float((n[good] * (away[good] ** 2 - se2)).sum() / n[good].sum()), 0.0))
     return _Cells(
-        off_share=float(n[good][off].sum() / n[good].sum()), pattern_m=pattern, p_value=float(chi2.sf(z2.sum(), len(z2))), n=int(good.sum())
+        off_share=float(n[good][off].sum() / n[good].sum()), pattern_m=pattern, p_value=float(chdtrc(len(z2), z2.sum())), n=int(good.sum())
     )
 
 
@@ -293,7 +293,7 @@ def _crowd(local: FloatArray, stray: BoolArray, size: float) -> BoolArray:
     tree = cKDTree(local[rows])
     distance = np.asarray(tree.query(local[rows], k=min(k + 1, len(rows)))[0])[:, -1]
     expected = len(rows) * (4 / 3 * math.pi * distance**3) / box
-    crowd[rows] = chi2.cdf(2 * expected, 2 * k) < 1e-3
+    crowd[rows] = chdtr(2 * k, 2 * expected) < 1e-3
     return crowd
 
 

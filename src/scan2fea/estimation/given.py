@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import chdtrc, ndtr
 
 from scan2fea.estimation.anneal import walls
 from scan2fea.kernel.sections import PARAMETERS
@@ -75,7 +75,7 @@ def compared(given: Mapping[str, float], told: Told, family: str, *, held: bool)
         measured = std = p = None
         if k >= 0 and told.observable[k] and told.covariance[k, k] > 0:
             measured, std = float(told.values[k]), math.sqrt(float(told.covariance[k, k]))
-            p = float(2 * norm.sf(abs(measured - value) / std))
+            p = float(2 * ndtr(-abs(measured - value) / std))
         room = tolerance(name, family, section, value)
         rows.append(Given(name=name, value_m=value, measured_m=measured, std_m=std, p_value=p, tolerance_m=room, held=held))
     return tuple(rows)
@@ -89,7 +89,7 @@ def joint_p_value(given: Mapping[str, float], told: Told) -> float | None:
     away = np.array([told.values[k] - given[told.names[k]] for k in rows])
     covariance = np.asarray(told.covariance)[np.ix_(rows, rows)]
     spread = covariance + np.diag(_ROUNDING * np.diag(covariance))
-    return float(chi2.sf(float(away @ np.linalg.solve(spread, away)), len(rows)))
+    return float(chdtrc(len(rows), float(away @ np.linalg.solve(spread, away))))
 
 
 def contradictions(rows: Sequence[Given]) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.stats import f as f_distribution
+from scipy.special import fdtrc
 
 from scan2fea.kernel.coverage import unmeasured_share
 from scan2fea.kernel.distances import PointToMesh
@@ -118,7 +118,7 @@ def _bent(
         terms, free = 3 * len(faces), len(every) - 6 * len(faces)
         ratio = bend / terms / max(left / free, 1e-300)
         swing = math.sqrt(bend / len(every))
-        bent[every] = swing > BEND_NOISE * sigma_m + BEND_SPACING * spacing_m and float(f_distribution.sf(ratio, terms, free)) < BEND_CHANCE
+        bent[every] = swing > BEND_NOISE * sigma_m + BEND_SPACING * spacing_m and float(fdtrc(terms, free, ratio)) < BEND_CHANCE
     share = float(np.mean(bent | rounds)) if len(bent) else 0.0
     return at_most("bent faces", share, BENT, f"{share:.1%} of the points lie on faces that are bent, not flat (limit {BENT:.0%})")
 

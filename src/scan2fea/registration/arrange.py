@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import f as fisher
+from scipy.special import fdtri
 
 from scan2fea.kernel.transforms import applied, inverse
 from scan2fea.registration.pose_graph import GraphLink, GraphResult, components, optimise, rotation_vector
@@ -280,7 +280,7 @@ def _is_significant(surface: Surface, T_start: FloatArray, T_found: FloatArray, 
     centre = applied(T_start, surface.points).mean(axis=0)
     delta = np.concatenate([rotation_vector(off[:3, :3]), off[:3, :3] @ centre + off[:3, 3] - centre])
     wald = float(delta @ np.linalg.pinv(covariance, hermitian=True) @ delta)
-    return wald > 6.0 * float(fisher.isf(SIGNIFICANT, 6, BLOCKS**2))
+    return wald > 6.0 * float(fdtri(6, BLOCKS**2, 1.0 - SIGNIFICANT))
 
 
 def _register_rest(surfaces: Sequence[Surface], usable: Sequence[int], trusted: Sequence[int], state: _State, seed: int) -> None:

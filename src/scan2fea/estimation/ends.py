@@ -7,19 +7,21 @@ Near one end the points are a Poisson process of intensity
 with rho points per metre of member, c points on the cap, b clutter per metre. Rates are profiled out; the mean and spread of what is left
 as a function of e are the edge and its standard deviation. Where the noise is wide an edge carries the information 0.903 rho / s
 (shape-estimation.md) and that is the spread found; where it is below the spacing the edge is a jump, the spread is 1 / rho, and the mean
-is still the best estimate (Pitman). Whether the cap was scanned is not known: no cap, a cap as dense as the sides (c = rho A / P) and other
-caps are weighed against each other. An end plane that is not square is e = e0 + g . (x, y), taken where BIC
-prefers it.
+is still the best estimate (Pitman). Whether the caps were scanned is not known: none, caps as dense as the sides (c = rho A / P) and other
+caps are weighed against each other, at both ends together and by where the points lie across the axis too (`cap_law.py`). An end plane that
+is not square is e = e0 + g . (x, y), taken where BIC prefers it.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtr
 
+from scan2fea.estimation.cap_law import Across, cap_ratios, share_like_caps, together, told_across
 from scan2fea.kernel.edge_density import edge_levels
 from scan2fea.types import BoolArray, FloatArray, Value
 
@@ -28,11 +30,15 @@ _WINDOW_POINTS = 100  # at least so many points of the member lie in half a wind
 _BINS_PER_SIGMA = 8  # binning by s / 8 widens the noise by 1 / 768 of its variance
 _MANY = 150  # more points than this in a window are binned where that costs nothing
 _DROP = 14.0  # what lies this many log units under the best is not integrated over
+_HOPELESS = 100.0  # a cap so far behind is not followed: what lies across the axis and the other end do not bring it back
 _GRID = 41
 _ZOOMS = 12
 _CLUTTER = 0.5  # clutter along the axis is at most this dense against the member: else a chance gap inside it would pass for its end
-_CAP_STEPS = (-2, -1, 1, 2, 3, 4, 5)  # other caps, as powers of two of the expected one: seen worse, seen better
+_BODY_POINTS = 4_000  # from between the ends, asked how many of them lie as a cap's would
+_CLOSE = 5.0  # noise widths from an edge within which a cap's points lie
 _PATCH_POINTS = 15
+
+Look = Callable[[FloatArray], Across]  # (n, 2) across the axis -> densities there of points of the sides, of a cap and of strays
 _RUN, _BEYOND = 3, 0.05  # bins and share of the points of a stretch beyond a gap that belongs to the member
 _TRACE = 0.03  # of the median density: what is left of a hidden stretch
 
@@ -115,22 +121,55 @@ def _runs(flag: BoolArray) -> list[tuple[int, int]]:
     return [(int(a), int(b)) for a, b in edge.reshape(-1, 2)]
 
 
-def find_ends(points: FloatArray, sigma_m: float, rough: tuple[float, float], cap_ratio_m: float = 0.0) -> Ends:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Side:
+    """One end while its cap is open: fits : under each hypothesis of `cap_law`, in its order."""
+
+    fits: tuple[_Fit, ...]
+    slope: FloatArray
+    slope_std: FloatArray
+    pivot: FloatArray
+    excess: float
+
+    def evidence(self) -> list[float]:
+        """Of each hypothesis; counts that scatter more than Poisson's say as much less (Wedderburn 1974)."""
+        return [fit.log_likelihood / self.excess for fit in self.fits]
+
+    def end(self, weight: FloatArray, sign: float) -> End:
+        """The mixture of the hypotheses. sign : -1 for an end that was looked at in a mirror."""
+        edge, var = self.moments(weight)
+        cap = self.fits[int(np.argmax(weight))].cap
+        position, slope, std = sign * edge, sign * self.slope, math.sqrt(var)
+        return End(position_m=position, std_m=std, slope=slope, slope_std=self.slope_std, pivot=self.pivot, cap_points=cap, excess=self.excess)
+
+    def moments(self, weight: FloatArray) -> tuple[float, float]:
+        edges, spread = np.array([fit.edge for fit in self.fits]), np.array([fit.std for fit in self.fits])
+        edge = float(weight @ edges)
+        return edge, float(weight @ (self.excess * spread**2 + (edges - edge) ** 2))
+
+
+def find_ends(points: FloatArray, sigma_m: float, rough: tuple[float, float], cap_ratio_m: float = 0.0, look: Look | None = None) -> Ends:
     """The two end planes from (n, 3) points in the member's frame (axis along z, bow removed, clutter off the section left out).
 
     sigma_m : noise along z.   rough : the ends to about a few per cent of the length.   cap_ratio_m : area over perimeter of the section,
-    0 where not known.
+    0 where not known.   look : how likely points of the sides and of a cap are across the axis; none: not asked.
     """
-    low = _end(points, rough, sigma_m, cap_ratio_m)
+    low = _side(points, rough, sigma_m, cap_ratio_m, look)
     mirrored = points * np.array([1.0, 1.0, -1.0])
-    turned = _end(mirrored, (-rough[1], -rough[0]), sigma_m, cap_ratio_m)
-    high = dataclasses.replace(turned, position_m=-turned.position_m, slope=-turned.slope)
-    at_axis = [end.position_m - float(end.slope @ end.pivot) for end in (low, high)]
-    var = [end.std_m**2 + float(((end.slope_std * end.pivot) ** 2).sum()) for end in (low, high)]
-    return Ends(low=low, high=high, length_m=at_axis[1] - at_axis[0], std_m=math.sqrt(sum(var)))
+    high = _side(mirrored, (-rough[1], -rough[0]), sigma_m, cap_ratio_m, look)
+    share = together(low.evidence(), high.evidence())
+    # the length under each pair of hypotheses: what the caps leave open at both ends adds up
+    lengths = -np.add.outer([fit.edge for fit in low.fits], [fit.edge for fit in high.fits])
+    mean = float((share * lengths).sum())
+    spread = np.add.outer([low.excess * fit.std**2 for fit in low.fits], [high.excess * fit.std**2 for fit in high.fits])
+    var = float((share * (spread + (lengths - mean) ** 2)).sum())
+    ends = low.end(share.sum(axis=1), 1.0), high.end(share.sum(axis=0), -1.0)
+    at_axis = [end.position_m - float(end.slope @ end.pivot) for end in ends]
+    var += sum(float(((end.slope_std * end.pivot) ** 2).sum()) for end in ends)
+    return Ends(low=ends[0], high=ends[1], length_m=at_axis[1] - at_axis[0], std_m=math.sqrt(var))
 
 
-def _end(points: FloatArray, rough: tuple[float, float], sigma_m: float, cap_ratio_m: float) -> End:
+def _side(points: FloatArray, rough: tuple[float, float], sigma_m: float, cap_ratio_m: float, look: Look | None) -> _Side:
     """The end at the low side of z."""
     z, none = points[:, 2], np.zeros(2)
     span = rough[1] - rough[0]
@@ -140,21 +179,41 @@ def _end(points: FloatArray, rough: tuple[float, float], sigma_m: float, cap_rat
     s = max(sigma_m, 1e-3 / density)
     near = np.abs(z - rough[0]) < min(0.4 * span, max(2 * _WINDOW * s, 5 * _WINDOW_POINTS / density, 0.06 * span))
     xy, z = points[near, :2], z[near]
+    pivot = xy.mean(axis=0) if len(z) else none
+    caps = cap_ratios(cap_ratio_m if cap_ratio_m > 0 else s)
     if len(z) < 8:
-        pivot = xy.mean(axis=0) if len(z) else none
-        return End(position_m=rough[0], std_m=0.05 * span, slope=none, slope_std=none, pivot=pivot, cap_points=0.0, excess=excess)
-    pivot = xy.mean(axis=0)
+        return _Side(fits=(_unknown(rough[0], 0.05 * span, 1.0, rough),) * len(caps), slope=none, slope_std=none, pivot=pivot, excess=excess)
     reach = max(_WINDOW * s, _WINDOW_POINTS / density)
-    fit = _square(z, s, reach, rough[0], cap_ratio_m)
+    fits = _square(z, s, reach, rough[0], caps)
     slope, slope_std = none, none
     for _ in range(2):  # the second time from points slid along the plane, whose edge is sharp
-        tilted = _slopes(xy - pivot, z - (xy - pivot) @ slope, s, fit) if len(z) >= 9 * _PATCH_POINTS else None
+        best = max(fits, key=lambda fit: fit.log_likelihood)
+        tilted = _slopes(xy - pivot, z - (xy - pivot) @ slope, s, best) if len(z) >= 9 * _PATCH_POINTS else None
         if tilted is None:
             break
         slope, slope_std = slope + tilted[0], np.sqrt(np.diag(tilted[1]))
-        fit = _square(z - (xy - pivot) @ slope, s, reach, rough[0], cap_ratio_m)
-    std = fit.std * math.sqrt(excess)
-    return End(position_m=fit.edge, std_m=std, slope=slope, slope_std=slope_std, pivot=pivot, cap_points=fit.cap, excess=excess)
+        fits = _square(z - (xy - pivot) @ slope, s, reach, rough[0], caps)
+    if look is not None:
+        body = points[inside, :2]
+        like_caps = share_like_caps(look(body[:: max(1, len(body) // _BODY_POINTS)]))
+        level = z - (xy - pivot) @ slope
+        close = (level > min(fit.edge for fit in fits) - _CLOSE * s) & (level < max(fit.edge for fit in fits) + _CLOSE * s)
+        fits = _seen_across(fits, level[close], s, look(xy[close]).with_like_caps(like_caps))
+    return _Side(fits=fits, slope=slope, slope_std=slope_std, pivot=pivot, excess=excess)
+
+
+def _unknown(edge: float, std: float, rho: float, window: tuple[float, float]) -> _Fit:
+    return _Fit(edge=edge, std=std, rho=rho, cap=0.0, clutter=0.0, window=window, log_likelihood=0.0)
+
+
+def _seen_across(fits: tuple[_Fit, ...], z: FloatArray, s: float, at: Across) -> tuple[_Fit, ...]:
+    """The fits with the evidence of where the points (n,) near the edge lie across the axis added."""
+    found = []
+    for fit in fits:
+        v = (z - fit.edge) / s
+        cap = fit.cap * np.exp(-0.5 * v**2) / (s * math.sqrt(2 * math.pi))
+        found.append(replace(fit, log_likelihood=fit.log_likelihood + told_across(fit.rho * ndtr(v), cap, fit.clutter, at)))
+    return tuple(found)
 
 
 def _excess(z: FloatArray, low: float, high: float) -> float:
@@ -181,22 +240,22 @@ class _Fit:
     log_likelihood: float
 
 
-def _square(z: FloatArray, s: float, reach: float, near: float, ratio: float | None) -> _Fit:
-    """The edge of a square end: found roughly among all points, then from a window of `reach` around it, twice."""
+def _square(z: FloatArray, s: float, reach: float, near: float, caps: list[float]) -> tuple[_Fit, ...]:
+    """The edge of a square end under each cap of `cap_ratios`: found roughly among all points, then from a window of `reach` around it, twice."""
     low, high = float(z.min()), float(z.max())
     at, weight = _binned(z, (low - s, high), (high - low) / 300)
     candidates = np.unique(np.quantile(z, np.linspace(0.0, 0.7, 80)))
     wide = max(s, (high - low) / 300)
     edge = float(candidates[int(np.argmax(_profile(at, weight, (low - s, high), wide, candidates, 0.0)[0]))])
-    fit = None
-    for width in (max(reach, 4 * wide), reach):
+    fits = (_unknown(near, reach, len(z) / reach, (low, high)),) * len(caps)
+    for width, tried in ((max(reach, 4 * wide), caps[:2]), (reach, caps)):
         window = (edge - width, edge + width)
         own = z[(z > window[0]) & (z < window[1])]
         if len(own) < 8:
             break
-        fit = _posterior(own, window, s, ratio)
-        edge = fit.edge
-    return fit if fit is not None else _Fit(edge=near, std=reach, rho=len(z) / reach, cap=0.0, clutter=0.0, window=(low, high), log_likelihood=0.0)
+        fits = _posterior(own, window, s, tried)
+        edge = max(fits, key=lambda fit: fit.log_likelihood).edge
+    return fits
 
 
 def _binned(z: FloatArray, window: tuple[float, float], width: float) -> tuple[FloatArray, FloatArray]:
@@ -215,37 +274,24 @@ def _profile(
     return edge_levels(np.array(at), weight, window[0], window[1], s, np.array(edges), ratio, _CLUTTER)
 
 
-def _posterior(z: FloatArray, window: tuple[float, float], s: float, ratio: float | None) -> _Fit:
-    """Mean and spread of the edge over a flat prior: no cap and a cap as dense as the sides equally likely, other caps a tenth together.
-
-    ratio : None leaves caps out of account.
-    """
+def _posterior(z: FloatArray, window: tuple[float, float], s: float, caps: list[float]) -> tuple[_Fit, ...]:
+    """Mean and spread of the edge over a flat prior, under each cap."""
     at, weight = _binned(z, window, s / _BINS_PER_SIGMA)
-    if ratio is None:
-        return _spread(at, weight, window, s, 0.0, -math.inf)
-    unit = ratio if ratio > 0 else s
-    ratios = [0.0, unit] + [unit * 2.0**k for k in _CAP_STEPS]
-    prior = np.log([0.45, 0.45] + [0.1 / len(_CAP_STEPS)] * len(_CAP_STEPS))
     found: list[_Fit] = []
     best_so_far = -math.inf
-    for kind in ratios:
-        found.append(_spread(at, weight, window, s, kind, best_so_far - 2 * _DROP))
+    for ratio in caps:
+        found.append(_spread(at, weight, window, s, ratio, best_so_far - _HOPELESS))
         best_so_far = max(best_so_far, found[-1].log_likelihood)
-    level = np.array([fit.log_likelihood for fit in found]) + prior
-    share = np.exp(level - level.max())
-    share /= share.sum()
-    edge = float(sum(p * fit.edge for p, fit in zip(share, found, strict=True)))
-    var = float(sum(p * (fit.std**2 + (fit.edge - edge) ** 2) for p, fit in zip(share, found, strict=True)))
-    best = found[int(np.argmax(share))]
-    return dataclasses.replace(best, edge=edge, std=math.sqrt(var))
+    return tuple(found)
 
 
 def _spread(at: FloatArray, weight: FloatArray, window: tuple[float, float], s: float, ratio: float, floor: float) -> _Fit:
     """Zoom a grid of edges onto where the likelihood lies, then integrate. Its log-likelihood is that of the best edge times its spread.
 
-    A hypothesis that starts below `floor` is not followed.
+    A hypothesis that starts below `floor` is not followed: its log-likelihood is -inf.
     """
-    candidates = np.unique(np.r_[np.linspace(*window, _GRID), at[:: max(1, len(at) // 200)]])
+    is_binned = weight.max() > 1  # then the likelihood is smooth over a noise width; else a jump may lie at any point
+    candidates = np.unique(np.r_[np.linspace(*window, _GRID), at[:: max(1, len(at) // 200)] if not is_binned else at[:0]])
     for zoom in range(_ZOOMS):
         level, rates = _profile(at, weight, window, s, candidates, ratio)
         best = int(np.argmax(level))
@@ -259,7 +305,7 @@ def _spread(at: FloatArray, weight: FloatArray, window: tuple[float, float], s: 
     edge = float(mass @ candidates / mass.sum())
     std = math.sqrt(float(mass @ (candidates - edge) ** 2 / mass.sum()))
     rho, cap, clutter = (float(v) for v in rates[:, best])
-    evidence = float(level[best]) + math.log(max(float(mass.sum()), 1e-300) / s)
+    evidence = float(level[best]) + math.log(max(float(mass.sum()), 1e-300) / s) if level[best] >= floor else -math.inf
     return _Fit(edge=edge, std=std, rho=rho, cap=cap, clutter=clutter, window=window, log_likelihood=evidence)
 
 
@@ -276,7 +322,7 @@ def _slopes(xy: FloatArray, z: FloatArray, s: float, fit: _Fit) -> tuple[FloatAr
         own = code == c
         if own.sum() >= _PATCH_POINTS:
             reach = max(_WINDOW * s, _WINDOW_POINTS / (fit.rho * float(own.mean()) + 1e-30))
-            edge = _square(z[own], s, reach, fit.edge, None)
+            edge = _square(z[own], s, reach, fit.edge, [0.0])[0]
             rows.append([1.0, *xy[own].mean(axis=0), edge.edge, edge.std])
     table = np.array(rows)
     if len(table) < 4:

@@ -9,11 +9,13 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from scan2fea.errors import EstimationError, InputError, UsageError, require
 from scan2fea.estimation.axis import Axis, axes_of, tilted, turned
+from scan2fea.estimation.cap_law import across
 from scan2fea.estimation.caps import SOLID, ends_show, inside_of
 from scan2fea.estimation.changing import changing, is_better
 from scan2fea.estimation.ends import Ends, find_ends, rough_ends
@@ -426,7 +428,10 @@ def _ends(coordinates: FloatArray, fit: SectionFit, span: tuple[float, float]) -
     seen = np.minimum(fit.face_weight, 1.0) if len(fit.face_weight) == len(lengths) else np.ones(len(lengths))
     perimeter = float(lengths @ seen)
     area = section_area(section(fit.family, dict(zip(fit.names, fit.values.tolist(), strict=True))))
-    return find_ends(coordinates[_near(coordinates, fit)], fit.sigma_m, span, area / perimeter if perimeter > 0 else 0.0)
+    near = coordinates[_near(coordinates, fit)]
+    box = float(np.prod(np.maximum(np.ptp(near[:, :2], axis=0), 1e-300))) if len(near) else 1.0
+    look = partial(across, fit.family, fit.values, fit.sigma_m, fit.noise, seen, box)
+    return find_ends(near, fit.sigma_m, span, area / perimeter if perimeter > 0 else 0.0, look)
 
 
 def _member(sweep: Sweep, fit: SectionFit, ends: Ends, fixed: Mapping[str, float]) -> Member:

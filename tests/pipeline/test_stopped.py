@@ -38,7 +38,8 @@ def converted(scan, out, *, resume=False, say=None, **settings):
 
 
 def worker_of_object():
-    return next(child for child in psutil.Process().children() if "scan2fea.pipeline.worker" in child.cmdline())
+    waiting = next(child for child in psutil.Process().children() if "scan2fea.pipeline.worker" in child.cmdline())
+    return waiting.children()[0]  # its fork
 
 
 def killer_at(stage):
@@ -141,8 +142,9 @@ def test_fault_of_a_worker_is_told_with_its_last_line(tmp_path):
 def test_half_a_line_of_a_killed_child_is_not_read():
     seen = []
     heard = children._Heard(seen.append)
-    for line in ('{"event": "begin", "name": "a"}\n', "a library says hello\n", '{"event": "end", "na'):
+    for line in ('{"event": "begin", "name": "a"}\n', "a library says hello\n", '{"event": "end", "na\n', '{"event": "left", "code": -9}\n'):
         heard.line(line)
+    assert heard.code == -9
     assert [event["event"] for event in seen] == ["begin"]
     assert heard.stage == "a" and heard.stages == []
 

@@ -1,4 +1,8 @@
-"""Runs the objects in child processes, a few at a time, with a time limit each; collects what they say and what they made."""
+"""Runs the objects in child processes, a few at a time, with a time limit each; collects what they say and what they made.
+
+Each of the few is a worker (`pipeline.worker`) that has imported everything once and forks itself for each object: an object's process starts in
+milliseconds and takes no other along when it dies.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +14,18 @@ import sys
 import tempfile
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import IO, Any, Self
 
 import psutil
 
 from scan2fea.io.files import write_bytes
-from scan2fea.pipeline.record import ENDED, RESULT, Ended, Say
+from scan2fea.pipeline.record import ENDED, FORKS, LEFT, RESULT, Ended, Say
 from scan2fea.units import BYTES_PER_GIB
 
 PERIOD_S = 0.2
@@ -43,21 +49,32 @@ def run_children(folders: Sequence[Path], jobs: int, limits: Limits, say: Say, d
     left a result behind, else the reason why there is none.
     """
     lock, closing = threading.Lock(), threading.Event()
+    waiting = deque(folders)
 
-    def one(folder: Path) -> None:
-        ended = _run_child([str(folder)], limits, lambda event: _locked(lock, say, event), closing)
+    def one(worker: _Worker, folder: Path) -> None:
+        ended = worker([str(folder)], limits, lambda event: _locked(lock, say, event), closing)
         if closing.is_set():
             return
         if ended is not None and not (folder / RESULT).exists():
             write_bytes(folder / ENDED, json.dumps(asdict(ended)).encode())
-            _run_child([str(folder), "ended"], Limits(seconds=AFTER_SECONDS, gib=max(AFTER_GIB, limits.gib)), lambda _: None, closing)
+            worker([str(folder), "ended"], Limits(seconds=AFTER_SECONDS, gib=max(AFTER_GIB, limits.gib)), lambda _: None, closing)
         with lock:
             done(folder, "" if ended is None or (folder / RESULT).exists() else ended.why)
 
-    with ThreadPoolExecutor(max(1, jobs)) as pool:
-        futures = [pool.submit(one, folder) for folder in folders]
+    def work() -> None:
+        with tempfile.TemporaryFile() as errors, _Worker(errors) as worker:
+            while not closing.is_set():
+                try:
+                    folder = waiting.popleft()
+                except IndexError:
+                    return
+                one(worker, folder)
+
+    n = min(max(1, jobs), len(folders))
+    with ThreadPoolExecutor(max(1, n)) as pool:
+        futures = [pool.submit(work) for _ in range(n)]
         try:
-            for future in futures:
+            for future in as_completed(futures):
                 future.result()
         except BaseException:  # Ctrl-C too: nothing is begun any more, and what runs is stopped
             closing.set()
@@ -76,11 +93,15 @@ class _Heard:
     def __init__(self, say: Say) -> None:
         self._say = say
         self.stage, self.last, self.stages = "", "", []  # type: tuple[str, str, list[Mapping[str, Any]]]
+        self.code: int | None = None  # how the object's process ended
 
     def line(self, text: str) -> None:
         if not (text.startswith("{") and text.endswith("}\n")):  # a library's own words, or the half line of a child that was killed
             return
         event = json.loads(text)
+        if event["event"] == LEFT:
+            self.code = int(event["code"])
+            return
         if event["event"] == "begin":
             self.stage = event["name"]
         elif event["event"] == "end":
@@ -93,32 +114,76 @@ class _Heard:
         return f"in its stage {self.stage!r}" if self.stage else f"after its stage {self.last!r}" if self.last else "before its first stage"
 
 
-def _run_child(arguments: Sequence[str], limits: Limits, say: Say, closing: threading.Event) -> Ended | None:
-    """None where the worker ended well. Nothing that it started outlives it. `closing` stops it."""
-    command = [sys.executable, "-m", "scan2fea.pipeline.worker", *arguments]
-    heard = _Heard(say)
-    with tempfile.TemporaryFile() as errors:
-        child = subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=errors, text=True, encoding="utf-8",
-            env={**os.environ, **ONE_THREAD}, start_new_session=True,  # Ctrl-C is for us alone: we end the children
-        )  # fmt: skip
+class _Worker:
+    """A process that waits for objects. It is started for the first, and anew after it was killed; leaving ends it."""
+
+    def __init__(self, errors: IO[bytes]) -> None:
+        self._process: subprocess.Popen[str] | None = None
+        self._errors = errors
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._end()
+
+    def __call__(self, arguments: Sequence[str], limits: Limits, say: Say, closing: threading.Event) -> Ended | None:
+        """Do one object; None where it ended well. Nothing that it started outlives it. `closing` stops it."""
+        process, heard = self._started(), _Heard(say)
+        words_from = self._errors.seek(0, os.SEEK_END)
         family: set[psutil.Process] = set()
         stopped: list[str] = []
-        watch = threading.Thread(target=_watch, args=(child, limits, family, stopped, closing), daemon=True)
+        over = threading.Event()
+        watch = threading.Thread(target=_watch, args=(process, limits, family, stopped, closing, over), daemon=True)
         watch.start()
         try:
-            for line in child.stdout or ():
-                heard.line(line)
-            child.wait()
+            code = _asked(process, arguments, heard)
+        except BaseException:
+            self._end()
+            raise
         finally:
-            child.kill()
+            over.set()
             watch.join()
-            _kill(child, family)
-        if child.returncode == 0:
+            _kill(process, family)
+        if process.poll() is not None or not FORKS:
+            self._end()
+        if code == 0 and not stopped:
             return None
-        errors.seek(0)
-        why = stopped[0].format(where=heard.where) if stopped else _death(child.returncode, heard.where, errors.read().decode(errors="replace"))
+        self._errors.seek(words_from)
+        told = self._errors.read().decode(errors="replace")
+        why = stopped[0].format(where=heard.where) if stopped else _death(code, heard.where, told)
         return Ended(why=why, stage=heard.stage, stages=tuple(heard.stages))
+
+    def _started(self) -> subprocess.Popen[str]:
+        if self._process is None:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "scan2fea.pipeline.worker"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors, text=True,
+                encoding="utf-8", env={**os.environ, **ONE_THREAD}, start_new_session=True,  # Ctrl-C is for us alone: we end the children
+            )  # fmt: skip
+        return self._process
+
+    def _end(self) -> None:
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.wait()
+            for pipe in (process.stdin, process.stdout):
+                with contextlib.suppress(OSError):  # what was not read by a worker that died
+                    if pipe is not None:
+                        pipe.close()
+
+
+def _asked(process: subprocess.Popen[str], arguments: Sequence[str], heard: _Heard) -> int:
+    """Exit code of the object's process, or of the worker where that died first."""
+    with contextlib.suppress(BrokenPipeError):  # it is dead: its code says how
+        if process.stdin is not None:
+            process.stdin.write(json.dumps(list(arguments)) + "\n")
+            process.stdin.flush()
+    for line in process.stdout or ():
+        heard.line(line)
+        if heard.code is not None:
+            return heard.code
+    return process.wait()
 
 
 def _death(code: int, where: str, told: str) -> str:
@@ -130,11 +195,13 @@ def _death(code: int, where: str, told: str) -> str:
     return f"its process died {where} ({how}: {lines[-1] if lines else 'no message'}); please report it"
 
 
-def _watch(child: subprocess.Popen[str], limits: Limits, family: set[psutil.Process], stopped: list[str], closing: threading.Event) -> None:
-    """Kills the child at its limits; `family` receives every process it starts, `stopped` why it was killed."""
+def _watch(
+    worker: subprocess.Popen[str], limits: Limits, family: set[psutil.Process], stopped: list[str], closing: threading.Event, over: threading.Event
+) -> None:
+    """Kills the worker and all it started at the limits of its object; `family` receives what it starts, `stopped` why it was killed."""
     until = time.monotonic() + limits.seconds
-    while child.poll() is None:
-        _meet(child, family)
+    while worker.poll() is None and not over.is_set():
+        _meet(worker, family)
         if closing.is_set():
             stopped.append("interrupted {where}")
         elif time.monotonic() > until:
@@ -142,10 +209,10 @@ def _watch(child: subprocess.Popen[str], limits: Limits, family: set[psutil.Proc
         elif _resident(family) > limits.gib * BYTES_PER_GIB:
             stopped.append(f"stopped at more than {limits.gib:g} GiB {{where}}: raise run.object_gib or give fewer points")
         if stopped:
-            _kill(child, family)
+            worker.kill()
+            _kill(worker, family)
             return
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            child.wait(PERIOD_S)
+        over.wait(PERIOD_S)
 
 
 def _resident(family: Iterable[psutil.Process]) -> int:
@@ -156,17 +223,15 @@ def _resident(family: Iterable[psutil.Process]) -> int:
     return total
 
 
-def _meet(child: subprocess.Popen[str], family: set[psutil.Process]) -> None:
-    """Enter the child and what it has started by now: once it has died nobody knows any more whose they were."""
+def _meet(worker: subprocess.Popen[str], family: set[psutil.Process]) -> None:
+    """Enter what the worker has started by now: once it has died nobody knows any more whose they were."""
     with contextlib.suppress(psutil.Error):
-        process = psutil.Process(child.pid)
-        family.update([process, *process.children(recursive=True)])
+        family.update(psutil.Process(worker.pid).children(recursive=True))
 
 
-def _kill(child: subprocess.Popen[str], family: set[psutil.Process]) -> None:
-    """The child first, so that it starts no more; psutil never kills a process that only inherited a number."""
-    _meet(child, family)
-    child.kill()
+def _kill(worker: subprocess.Popen[str], family: set[psutil.Process]) -> None:
+    """What the worker started; psutil never kills a process that only inherited a number."""
+    _meet(worker, family)
     for process in list(family):
         with contextlib.suppress(psutil.Error):
             process.kill()

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, is_dataclass
@@ -26,6 +27,8 @@ Say = Callable[[Mapping[str, Any]], None]  # receives each event: the CLI's prog
 
 KEEP = ".scan2fea"  # folder inside OUT for what --resume reads
 RESULT, ENDED = "result.json", "ended.json"  # of each object in there: its row and stages; how its process ended before its time
+FORKS = hasattr(os, "fork")  # else each object has a worker of its own
+LEFT = "left"  # event: an object's process has ended, with its exit code
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,14 +1,16 @@
-"""`python -m scan2fea.pipeline.worker FOLDER`: one object in a process of its own, so that a crash in a library takes no other along.
+"""`python -m scan2fea.pipeline.worker`: one object after the other, each in a process of its own, so that a crash in a library takes no other along.
 
-Reads FOLDER/part.npz and FOLDER/task.json, writes the object's files and FOLDER/result.json, and tells its events as JSON lines on
-standard output. `... FOLDER ended`: the process before this one was stopped or died, FOLDER/ended.json says how; what it had made by then
-is written to the object's files, and nothing new is made.
+Each line of standard input is a JSON list. [FOLDER]: reads FOLDER/part.npz and FOLDER/task.json, writes the object's files and FOLDER/result.json,
+and tells its events as JSON lines on standard output, the last one how its process ended. [FOLDER, "ended"]: the process before this one was stopped
+or died, FOLDER/ended.json says how; what it had made by then is written to the object's files, and nothing new is made.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import sys
+import traceback
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -17,7 +19,7 @@ from scan2fea.io.artifacts import load
 from scan2fea.io.files import write_bytes
 from scan2fea.pipeline.config import from_tree
 from scan2fea.pipeline.convert import convert
-from scan2fea.pipeline.record import ENDED, RESULT, Ended, Record
+from scan2fea.pipeline.record import ENDED, FORKS, LEFT, RESULT, Ended, Record
 
 
 def main(folder: Path, ended: Ended | None = None) -> None:
@@ -52,5 +54,35 @@ def _ended(folder: Path) -> Ended:
     return Ended(**json.loads((folder / ENDED).read_text(encoding="utf-8")))
 
 
+def serve() -> None:
+    """Objects until standard input ends. A fork has all imports done; where there are no forks this process ends after one object."""
+    for line in sys.stdin:
+        arguments = json.loads(line)
+        if not FORKS:
+            code = _one(arguments)
+        elif child := os.fork():
+            code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        else:
+            os.dup2(os.open(os.devnull, os.O_RDONLY), 0)  # the next objects are not for it
+            os._exit(_one(arguments))
+        sys.stdout.write("\n" + json.dumps({"event": LEFT, "code": code}) + "\n")  # a line of its own, also after half a line of a killed process
+        sys.stdout.flush()
+        if not FORKS:
+            return
+
+
+def _one(arguments: Sequence[str]) -> int:
+    """Exit code: 0, or 1 with the traceback on standard error."""
+    folder = Path(arguments[0])
+    try:
+        main(folder, _ended(folder) if arguments[1:] else None)
+    except BaseException:  # noqa: BLE001 - nothing of a fork may return into the loop of its parent
+        traceback.print_exc()
+        return 1
+    finally:
+        sys.stdout.flush()
+    return 0
+
+
 if __name__ == "__main__":
-    main(Path(sys.argv[1]), _ended(Path(sys.argv[1])) if sys.argv[2:] else None)
+    serve()

@@ -14,7 +14,8 @@
     │   ├── RepairError
     │   ├── MeshingError
     │   ├── CadError
-    │   └── SolveError
+    │   ├── SolveError
+    │   └── FusionError       logs of motion sensors that contradict each other
     └── InternalError         a promise of ours was broken                 exit 5
 
 A message names the file or the value, the limit, and what to do about it. The library raises; only the CLI prints.
@@ -74,6 +75,10 @@ class CadError(StageError):
 
 
 class SolveError(StageError):
+    pass
+
+
+class FusionError(StageError):
     pass
 
 

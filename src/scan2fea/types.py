@@ -144,13 +144,71 @@ class Scan(Value):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Trajectory(Value):
-    """k poses. T_world_frame : (k, 4, 4).   placed : (k,) bool, False where the frame was left out.   time_s : (k,) or None."""
+    """k poses. T_world_frame : (k, 4, 4).   placed : (k,) bool, False where the frame was left out.   time_s : (k,) or None.
+
+    covariance : (k, 6, 6) of the errors of each pose, position (m) then rotation vector (rad), both along the world's axes:
+    the true pose is exp(turn) R, x + shift. nan where nothing is stated of that part, None where nothing is stated at all.
+    """
 
     T_world_frame: FloatArray
     placed: BoolArray
     time_s: FloatArray | None = None
+    covariance: FloatArray | None = None
 
-    _ROWS = (("T_world_frame", "placed", "time_s"),)
+    _ROWS = (("T_world_frame", "placed", "time_s", "covariance"),)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class InertialLog(Value):
+    """k rows of an inertial unit, in its own axes. time_s : (k,) rising.   rate : (k, 3) rad/s.   force : (k, 3) specific force, m/s^2 (at rest it
+    points up).   magnetic : (k, 3) of any unit, or None.   is_gap : (k,) True where too much time passed since the row before.
+    """
+
+    time_s: FloatArray
+    rate: FloatArray
+    force: FloatArray
+    is_gap: BoolArray
+    magnetic: FloatArray | None = None
+
+    _ROWS = (("time_s", "rate", "force", "is_gap", "magnetic"),)
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PositionLog(Value):
+    """k rows of a satellite receiver. time_s : (k,) rising.   position : (k, 3) metres east, north, up of the origin.   sigma_m : (k, 3) or None.
+
+    origin : (3,) latitude and longitude (rad) and height (m) of the origin, or None where the file has metres.
+    """
+
+    time_s: FloatArray
+    position: FloatArray
+    sigma_m: FloatArray | None = None
+    origin: FloatArray | None = None
+
+    _ROWS = (("time_s", "position", "sigma_m"),)
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RangeLog(Value):
+    """m rays of a scanner of one beam that turns about z, in its own frame. time_s : (m,) rising.   angle : (m,) rad from x towards y.
+    range_m : (m,), nan where nothing came back.   first : (s + 1,) the row each of s sweeps begins with, and m.
+    """
+
+    time_s: FloatArray
+    angle: FloatArray
+    range_m: FloatArray
+    first: IntArray
+
+    _ROWS = (("time_s", "angle", "range_m"),)
+
+    def __len__(self) -> int:
+        return len(self.first) - 1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scan2fea.io import RawScan
+from scan2fea.kernel.trajectories import between
 from scan2fea.registration import RegistrationOptions, Sweeps, at_times, moved, odometry
-from scan2fea.registration.motion import between
 from scan2fea.types import FloatArray, IntArray, Rays, Scan, Trajectory, Value
 
 HOUR_S = 3600.0  # the clock of a Velodyne unit begins again

@@ -8,9 +8,10 @@ import numpy as np
 from scipy.sparse import bsr_array, csr_array
 from scipy.spatial.transform import Rotation
 
+from scan2fea.kernel.trajectories import between
 from scan2fea.registration.icp import tukey
 from scan2fea.registration.map_planes import MapPlanes, map_planes
-from scan2fea.registration.motion import between, stepped
+from scan2fea.registration.motion import stepped
 from scan2fea.types import FloatArray, IntArray, Value
 
 _FREE = 3  # of a plane: its height and two tilts

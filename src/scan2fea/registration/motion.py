@@ -6,20 +6,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from scan2fea.errors import InputError, require
+from scan2fea.kernel.trajectories import between
 from scan2fea.kernel.transforms import rigid
 from scan2fea.types import FloatArray, IntArray, Trajectory
-
-
-def between(T_world_knot: FloatArray, first: IntArray, share: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Rotations (n, 3, 3) and positions (n, 3) of the sensor a `share` (n,) of the way from knot `first` (n,) to the next.
-
-    T_world_knot : (k, 4, 4). The position moves evenly on a line, the rotation evenly about one axis.
-    """
-    R = Rotation.from_matrix(T_world_knot[:, :3, :3])
-    turn = (R[:-1].inv() * R[1:]).as_rotvec()
-    rotation = (R[first] * Rotation.from_rotvec(turn[first] * share[:, None])).as_matrix()
-    x = T_world_knot[:, :3, 3]
-    return np.asarray(rotation), np.asarray(x[first] * (1.0 - share)[:, None] + x[first + 1] * share[:, None])
 
 
 def moved(points: FloatArray, T_world_knot: FloatArray, first: IntArray, share: FloatArray) -> FloatArray:

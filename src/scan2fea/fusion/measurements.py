@@ -65,7 +65,7 @@ def events_of(
     require(any(len(part) for part in inside), InputError, says)
     low = min(float(part.time_s[0]) for part in inside if len(part))  # before it nothing is known of the place
     n = math.floor((high - low) * min(options.rate_hz, 1e5 / max(high - low, 1.0)))
-    knots: FloatArray = low + np.arange(n + 1) * ((high - low) / max(n, 1))
+    knots = np.asarray(low + np.arange(n + 1) * ((high - low) / max(n, 1)), np.float64)
     inside.append(_empty(knots, KNOT))
     time = np.concatenate([part.time_s for part in inside])
     order = np.argsort(time, kind="stable")

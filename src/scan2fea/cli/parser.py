@@ -11,6 +11,9 @@ if TYPE_CHECKING:
     Commands = argparse._SubParsersAction[argparse.ArgumentParser]
 
 
+CALIBRATION = "of pictures: their cameras, or a folder of chessboards [acquisition.calibration]; else calib.txt of KITTI [registration.calibration]"
+
+
 def parser() -> argparse.ArgumentParser:
     """The whole command line: one function per command below, in the order of the help."""
     top = argparse.ArgumentParser(prog="scan2fea", description="From raw 3D scans to checked finite element models.", allow_abbrev=False)
@@ -23,9 +26,10 @@ def parser() -> argparse.ArgumentParser:
 
 def _run(commands: Commands) -> None:
     run = commands.add_parser("run", help="scans to solved, checked FE models", allow_abbrev=False)
-    _add_scans(run, "scan files (or closed meshes) of one scene")
+    _add_scans(run, "scan files (or closed meshes), photographs, or folders of them, of one scene")
     run.add_argument("--resume", action="store_true", help="go on in OUT: what is unchanged is not made again; labels.csv may have been edited")
     _add_poses(run)
+    _add_pictures(run)
     run.add_argument("--labels", metavar="COLUMN", help="take the objects from this column (name or number) [input.labels]")
     _add_member(run, "section of every object, where it is known: L127x127x6.35 (mm), HE 140 A, W8X31 [route.member]")
     _add_options(run)
@@ -80,6 +84,7 @@ def _register(commands: Commands) -> None:
     register = commands.add_parser("register", help="scans into one frame: cloud.ply, trajectory.txt and how sure each place is", allow_abbrev=False)
     _add_scans(register)
     _add_poses(register)
+    _add_pictures(register)
     _add_options(register)
 
 
@@ -134,12 +139,16 @@ def _add_reading(command: argparse.ArgumentParser, which: str) -> None:
 
 def _add_poses(command: argparse.ArgumentParser) -> None:
     command.add_argument("--poses", metavar="FILE", help="where each input stood (bun.conf, TUM, KITTI, 4x4) [registration.poses]")
-    command.add_argument("--calibration", metavar="FILE", help="calib.txt of KITTI: from scans to the camera of --poses [registration.calibration]")
+    command.add_argument("--calibration", metavar="FILE", help=CALIBRATION)
 
 
 def _add_member(command: argparse.ArgumentParser, what: str) -> None:
     command.add_argument("--member", metavar="D", help=what)
     command.add_argument("--catalogue", metavar="FILE", help="CSV table of sections instead of the shipped one [route.catalogue]")
+
+
+def _add_pictures(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--sensor", metavar="S", help="ultrasonic: the input is a log of pings [acquisition.sensor]")
 
 
 def _add_scene_options(command: argparse.ArgumentParser) -> None:

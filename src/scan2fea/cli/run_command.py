@@ -37,9 +37,9 @@ def _spoken(given: argparse.Namespace) -> list[str]:
     words: list[Any] = ["-c", given.config] if given.config else []
     for text in given.settings:
         words += ["--set", text]
-    for name in ("seed", "unit", "poses", "calibration", "labels"):
+    for name in ("seed", "unit", "poses", "calibration", "labels", "sensor", "scale", "known_length"):
         if getattr(given, name, None) is not None:
-            words += [f"--{name}", getattr(given, name)]
+            words += [f"--{name.replace('_', '-')}", getattr(given, name)]
     if getattr(given, "sensor_position", None) is not None:
         words += ["--sensor-position", *given.sensor_position]
     return [str(word) for word in words]

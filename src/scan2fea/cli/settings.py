@@ -15,11 +15,15 @@ SHORT_FORMS = {
     "calibration": "registration.calibration",
     "labels": "input.labels",
     "sensor_position": "input.sensor_position",
+    "sensor": "acquisition.sensor",
+    "scale": "acquisition.scale",
+    "known_length": "acquisition.known_length",
     "seed": "run.seed",
     "family": "estimation.family",
     "member": "route.member",
     "catalogue": "route.catalogue",
 }
+PICTURES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm")
 METHOD_STAGES = {"reconstruct": "reconstruction.method", "segment": "segmentation.method"}  # what --method picks
 
 
@@ -30,7 +34,8 @@ def config_of(given: argparse.Namespace, **defaults: Any) -> Config:
         key, equals, value = text.partition("=")
         require(equals and key.strip(), UsageError, f"--set {text!r}: write KEY=VALUE, e.g. --set select.min_points=500")
         settings[key.strip()] = value.strip()
-    for name, key in SHORT_FORMS.items():
+    forms = {**SHORT_FORMS, "calibration": "acquisition.calibration"} if _has_pictures(given) else SHORT_FORMS
+    for name, key in forms.items():
         value = getattr(given, name, None)
         if value is not None:
             settings[key] = tuple(value) if isinstance(value, list) else value
@@ -39,3 +44,8 @@ def config_of(given: argparse.Namespace, **defaults: Any) -> Config:
     if getattr(given, "labels", None) is not None and given.command != "segment":  # there the labels are what is compared with
         settings["segmentation.method"] = "given"
     return load_config(Path(given.config) if given.config else None, settings)
+
+
+def _has_pictures(given: argparse.Namespace) -> bool:
+    """Whether the inputs are pictures or folders of them: --calibration is then of their cameras, else that of KITTI's poses."""
+    return any(Path(path).is_dir() or Path(path).suffix.lower() in PICTURES for path in getattr(given, "inputs", ()))

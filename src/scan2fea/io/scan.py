@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -47,11 +48,12 @@ class RawScan(Value):
     scan : cloud (frame 0, raw_index = row in the file) and its rays; misses are rays that no point refers to.
     mesh : the triangles of a file with faces; its vertices are then the cloud.
     n_points : rows of the file that are points or misses.   n_dropped : rows that are not finite.   n_misses : rays without return.
-    unit_source : "format", "option" or "assumed".   sensor : "known" or "unknown".
+    unit_source : "format", "option", "assumed", or "unknown" (no scale).   sensor : "known" or "unknown".
     pose_given : the file gave poses, and they are applied.   T_world_frame : None, or a (4, 4) pose that is not yet applied.
     voxel_edge_m : edge of the voxels whose means the points are, None where every point was kept.
     sweep : (n,) turn of the scanner that each point is of, where the file holds more than one.
     columns : names found.   notes : what was decided that the user did not ask for.
+    acquired : figures of how the points were made, of inputs that hold none (pictures, logs); their first frame has it.
     """
 
     scan: Scan
@@ -71,6 +73,7 @@ class RawScan(Value):
     columns: tuple[str, ...]
     notes: tuple[str, ...]
     sweep: IntArray | None = None
+    acquired: Mapping[str, Any] | None = None
 
 
 def read_scan(path: Path, options: InputOptions = InputOptions()) -> RawScan:

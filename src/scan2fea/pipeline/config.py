@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from scan2fea.acquisition import AcquisitionOptions
 from scan2fea.cad import CadOptions
 from scan2fea.errors import InputError, UsageError, require
 from scan2fea.estimation.member import MemberOptions
@@ -56,6 +57,7 @@ class Config:
     """All options of one run; each field is one table of the TOML file."""
 
     input: InputOptions = field(default_factory=InputOptions)
+    acquisition: AcquisitionOptions = field(default_factory=AcquisitionOptions)
     registration: RegistrationOptions = field(default_factory=RegistrationOptions)
     filtering: FilteringOptions = field(default_factory=FilteringOptions)
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +32,7 @@ def register_files(inputs: Sequence[Path], out: Path, config: Config) -> dict[st
         raise UsageError(f"{out}: holds other files than those of `register`; give an empty or new folder with -o")
     with tempfile.TemporaryDirectory() as folder:
         record = Record(Path(folder), resume=False)
-        raws, rows = read_all(inputs, replace(config.input), record)
+        raws, rows = read_all(inputs, config.input, record, config.acquisition)
     scene = place_all(tuple(raw.value for raw in raws), config.registration, names=[Path(raw.value.path).name for raw in raws])
     try:
         out.mkdir(parents=True, exist_ok=True)

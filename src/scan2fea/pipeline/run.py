@@ -14,10 +14,12 @@ from typing import Any
 
 import numpy as np
 
+from scan2fea.acquisition import AcquisitionOptions
 from scan2fea.errors import InputError, UsageError, require
 from scan2fea.fea import check_options
 from scan2fea.io import InputOptions, RawScan, read_scan, write_cloud_ply, write_trajectory
 from scan2fea.io.files import existing_file, sha256_of, write_bytes
+from scan2fea.pipeline.acquire import Group, acquire, acquired_rows, grouped, raw_of
 from scan2fea.pipeline.assigned import assigned, resolved
 from scan2fea.pipeline.chosen import chosen_of
 from scan2fea.pipeline.config import Config, to_toml
@@ -49,7 +51,7 @@ def run(
     _write_text(out / "config.toml", to_toml(config))
     with _Log(out / "log.jsonl", say) as log:
         record = Record(out / KEEP, resume=resume, say=log)
-        raws, rows = read_all(inputs, config.input, record)
+        raws, rows = read_all(inputs, config.input, record, config.acquisition)
         names = [Path(raw.value.path).name for raw in raws]
         scene = record("place", _placing(names), *raws, options=config.registration, n_in=len(raws), count=_n_points)
         scene = record("clean", clean, scene, options=config.filtering, n_in=_n_points(scene.value), count=_n_points)
@@ -66,6 +68,8 @@ def run(
         frame = write_members(out, out / KEEP / "objects", objects, config)
         report = run_report(config, command, rows, scene.value, segments, record.stages + stages, objects, chosen)
         report |= {} if frame is None else {"frame_model": finite_tree(frame)}
+        told = acquired_rows([raw.value for raw in raws])
+        report |= {"acquisition": finite_tree(told)} if told else {}
         _write_text(out / "report.json", json.dumps(report, indent=1, allow_nan=False) + "\n")
     return report
 
@@ -98,29 +102,55 @@ def _prepare(out: Path, resume: bool) -> None:
                 old.unlink()
 
 
-def read_all(inputs: Sequence[Path], options: InputOptions, record: Record) -> tuple[list[Tracked[RawScan]], list[dict[str, Any]]]:
+def read_all(
+    inputs: Sequence[Path], options: InputOptions, record: Record, acquisition: AcquisitionOptions = AcquisitionOptions()
+) -> tuple[list[Tracked[RawScan]], list[dict[str, Any]]]:
     """Every input that can be read, and one row of the report for each of all. Raises InputError if none can."""
     raws: list[Tracked[RawScan]] = []
     rows: list[dict[str, Any]] = []
-    reasons: list[str] = []
-    sizes = [path.stat().st_size if path.is_file() else 0 for path in inputs]
-    for number, path in enumerate(inputs):
-        # the memory allowed is that of the scene: each file has the share of its size
-        own = replace(options, memory_gib=options.memory_gib * sizes[number] / (sum(sizes) or 1))
+    sizes = {path: path.stat().st_size if path.is_file() else 0 for path in inputs}
+    for number, group in enumerate(grouped(inputs, acquisition)):
+        path = group.paths[0]
         try:
-            existing_file(path)
-            source = Tracked(path, key_of("file", sha256_of(path)))
-            raw = record("read", read_scan, source, options=own, n_in=1, count=lambda r: len(r.scan.cloud), extra=None)
+            if group.kind == "scan":
+                # the memory allowed is that of the scene: each file has the share of its size
+                own = replace(options, memory_gib=options.memory_gib * sizes[path] / (sum(sizes.values()) or 1))
+                existing_file(path)
+                source = Tracked(path, key_of("file", sha256_of(path)))
+                raw = record("read", read_scan, source, options=own, n_in=1, count=lambda r: len(r.scan.cloud), extra=None)
+                raws.append(Tracked(raw.value, key_of(raw.key, number)))
+                rows.append(input_row(path, raw.value, None))
+            else:
+                _acquired(group, options, acquisition, record, number, raws, rows)
         except InputError as error:
-            reasons.append(str(error))
             rows.append(input_row(path, None, str(error)))
             record.event("note", text=f"left out: {error}")
-            continue
-        raws.append(Tracked(raw.value, key_of(raw.key, number)))
-        rows.append(input_row(path, raw.value, None))
     if not raws:
+        reasons = [str(row["reason"]) for row in rows]
         raise InputError("; ".join(reasons) if len(reasons) == 1 else f"none of the {len(inputs)} inputs can be used; the first: {reasons[0]}")
     return raws, rows
+
+
+def _acquired(
+    group: Group, options: InputOptions, acquisition: AcquisitionOptions, record: Record, number: int, raws: list[Tracked[RawScan]],
+    rows: list[dict[str, Any]]
+) -> None:
+    """Add the frames that were made of pictures or logs, and their rows. Raises InputError where none can be used."""
+    source = Tracked(group, key_of("files", [str(path) for path in group.paths], group.sha256(acquisition)))
+    made = record(
+        "acquire", acquire, source, options=acquisition, n_in=len(group.files()), count=lambda a: sum(len(f.scan.cloud) for f in a.frames),
+        extra={"unit": options.unit}
+    )  # fmt: skip
+    first = True
+    for k, frame in enumerate(made.value.frames):
+        if frame.reason:
+            rows.append(input_row(Path(frame.name), None, frame.reason))
+            record.event("note", text=f"left out: {frame.reason}")
+            continue
+        raw = raw_of(frame, made.value, is_first=first, options=options)
+        raws.append(Tracked(raw, key_of(made.key, number, k)))
+        rows.append(input_row(Path(frame.name), raw, None))
+        first = False
 
 
 def _edited(out: Path, found: Tracked[Segments], scene: Scene, resume: bool) -> Segments:

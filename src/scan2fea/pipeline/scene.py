@@ -111,7 +111,7 @@ def _unrolled(
     calibration = Path(options.calibration) if options.calibration else None
     given = read_trajectory(Path(options.poses)) if options.poses and len(raws) == 1 and raws[0].sweep is not None else None
     made = [unrolled(raw, frame, options, given) for frame, raw in enumerate(raws)]
-    poses: Sequence[FloatArray | None] = [None] * len(raws)
+    poses: Sequence[FloatArray | None] = [raw.T_world_frame for raw in raws]
     if options.poses:
         poses = [np.eye(4)] if given is not None else read_poses(Path(options.poses), list(names), calibration)
     return tuple(raw for raw, _ in made), [path for _, path in made if path is not None], poses

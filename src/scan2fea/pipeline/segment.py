@@ -42,7 +42,7 @@ def segment_files(inputs: Sequence[Path], out: Path, config: Config, picture: Pi
     if out.is_dir() and any(path.name not in FILES for path in out.iterdir()):
         raise UsageError(f"{out}: holds other files than those of `segment`; give an empty or new folder with -o")
     with tempfile.TemporaryDirectory() as folder:
-        raws, rows = read_all(inputs, config.input, Record(Path(folder), resume=False))
+        raws, rows = read_all(inputs, config.input, Record(Path(folder), resume=False), config.acquisition)
     scene = place_all(tuple(raw.value for raw in raws), config.registration, names=[Path(raw.value.path).name for raw in raws])
     scene = clean(scene, config.filtering)
     segments = segment(scene, config.segmentation)

@@ -108,6 +108,14 @@ def _reconstruct(commands: Commands) -> None:
 
 
 def _config(commands: Commands) -> None:
+    thesis = commands.add_parser("thesis", help="the source thesis's tables and figures, made by this program", allow_abbrev=False)
+    thesis.add_argument("-o", "--out", default="scan2fea-thesis", metavar="OUT", help="folder for thesis.html, a CSV per table, a PNG per figure")
+    thesis.add_argument("--only", metavar="T4.1,F4.9", help="these numbers alone")
+    thesis.add_argument("--quick", action="store_true", help="smaller inputs: minutes instead of most of an hour")
+    thesis.add_argument("--clock", type=float, metavar="S", help="stop ODT, perturbation, exudation after S seconds (thesis: 30), not iterations")
+    thesis.add_argument("--real", metavar="FILE", help="a capture of a Velodyne HDL-32E (.pcap) for the figures of acquisition")
+    thesis.add_argument("--seed", type=int, default=0, help="seed of everything random")
+
     config = commands.add_parser("config", help="print every option, with its explanation, as TOML", allow_abbrev=False)
     _add_options(config, seed=False)
 

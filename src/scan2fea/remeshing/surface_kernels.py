@@ -213,8 +213,10 @@ def turned(p: FloatArray, trial: FloatArray, faces: IntArray, floor: float, turn
         area = area_normal(p[a], p[b], p[c], before)
         area_now = area_normal(trial[a], trial[b], trial[c], after)
         cosine = before[0] * after[0] + before[1] * after[1] + before[2] * after[2]
-        shape = 4 * 3**0.5 * area / (dot(p[b], p[b], p[a]) + dot(p[c], p[c], p[b]) + dot(p[a], p[a], p[c]))
-        now = 4 * 3**0.5 * area_now / (dot(trial[b], trial[b], trial[a]) + dot(trial[c], trial[c], trial[b]) + dot(trial[a], trial[a], trial[c]))
+        squares = dot(p[b], p[b], p[a]) + dot(p[c], p[c], p[b]) + dot(p[a], p[a], p[c])
+        squares_now = dot(trial[b], trial[b], trial[a]) + dot(trial[c], trial[c], trial[b]) + dot(trial[a], trial[a], trial[c])
+        shape = 4 * 3**0.5 * area / max(squares, 1e-300)  # a face may be a point
+        now = 4 * 3**0.5 * area_now / max(squares_now, 1e-300)
         if cosine < turn or (now < floor and now < shape):
             for v in (a, b, c):
                 if p[v, 0] != trial[v, 0] or p[v, 1] != trial[v, 1] or p[v, 2] != trial[v, 2]:

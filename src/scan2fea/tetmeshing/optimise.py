@@ -28,6 +28,8 @@ from scan2fea.types import FloatArray, IntArray, Value
 ORDERS: Mapping[str, tuple[str, ...]] = {
     "odt_first": ("odt", "lloyd", "perturb", "exude"),
     "lloyd_first": ("lloyd", "odt", "perturb", "exude"),
+    "perturb": ("perturb",),
+    "exude": ("exude",),
     "none": (),
 }
 BINS = 24  # of the histograms that the report shows
@@ -39,7 +41,7 @@ MORE_NODES = 0.1  # of those given: how many vertices exudation may put in where
 class OptimiseOptions:
     """How tets are made better. Nothing is done to a mesh whose angles are all above the target."""
 
-    optimise: str = option("odt_first", "odt, lloyd, perturb, exude; lloyd first as in the thesis; or none", choices=tuple(ORDERS))
+    optimise: str = option("odt_first", "odt, lloyd, perturb, exude; lloyd first as in the thesis; one of them alone; or none", choices=tuple(ORDERS))
     target_deg: float = option(
         25.0, "smallest dihedral angle aimed at, and a scaled Jacobian to match; the steps end there", unit="deg", minimum=0.0, maximum=40.0
     )

@@ -1,0 +1,124 @@
+"""The same clouds by this program's own way: the whole pipeline, told only which object is meant."""
+
+from __future__ import annotations
+
+import dataclasses
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from scan2fea.errors import StageError
+from scan2fea.io.scan_writers import write_ply
+from scan2fea.kernel.transforms import applied
+from scan2fea.pipeline.config import Config, load_config
+from scan2fea.pipeline.run import run
+from scan2fea.report.ours import read_surface
+from scan2fea.simulation.lab17 import lab17
+from scan2fea.thesis.bench import Bench
+from scan2fea.thesis.clouds import BEAM, SIGMA_M, hdl_scans, lab_scan
+from scan2fea.thesis.published import stated
+from scan2fea.types import Scan, TriangleMesh, Value
+
+CROP_M = 0.1  # round the beam, in a quick run
+# of each case: what is asked of the noise
+CASES: Mapping[str, str] = {
+    "zero": "zero noise",
+    "noise": "2 cm as three standard deviations, in x, y and z",
+    "uniform": "evenly within 2 cm, in x, y and z",
+    "sigma": "2 cm as one standard deviation, in x, y and z",
+    "hdl": "HDL-32E, one sweep in five, poses known",
+}
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Best(Value):
+    """What `run` made of the beam: its row of report.json and its surface. row : {} where the object was not found."""
+
+    case: str
+    row: Mapping[str, Any]
+    surface: TriangleMesh | None
+    n_points: int
+
+    @property
+    def converted(self) -> bool:
+        return self.row.get("verdict") == "converted"
+
+    @property
+    def reason(self) -> str:
+        return str(self.row.get("reason") or "the beam was not found")
+
+    @property
+    def volume_m3(self) -> float | None:
+        volume = (self.row.get("surface") or {}).get("volume_m3")
+        return None if volume is None else float(volume)
+
+    def parameters(self) -> dict[str, tuple[float, float | None, bool]]:
+        """Dimension -> (metres, standard deviation or None, whether the data tell it)."""
+        member = self.row.get("member") or {}
+        return {name: (p["value_m"], p.get("std_m"), bool(p["observable"])) for name, p in (member.get("parameters") or {}).items()}
+
+    def case_value(self, name: str, measure: str) -> tuple[float, float | None] | None:
+        """Value and standard deviation of a figure of the finite element model; None where it has none."""
+        for case in (self.row.get("fea") or {}).get("cases") or []:
+            if (case["name"], case["measure"]) == (name, measure) and case["value"] is not None:
+                return float(case["value"]), case.get("std")
+        return None
+
+
+def best(bench: Bench, case: str) -> Best:
+    """The beam of a case (a key of CASES) by `run`, from the files of the whole scene. Raises StageError where no object comes out."""
+    return bench.kept(f"best {case}", lambda: _best(bench, case))
+
+
+def _best(bench: Bench, case: str) -> Best:
+    scans = scans_of(bench, case)
+    folder = bench.folder / "runs" / case
+    shutil.rmtree(folder, ignore_errors=True)
+    (folder / "scans").mkdir(parents=True)
+    files = []
+    for k, scan in enumerate(scans):
+        files.append(folder / "scans" / f"{k:03d}.ply")
+        write_ply(files[-1], Scan(cloud=dataclasses.replace(scan.cloud, label=None), rays=scan.rays))
+    report = run(files, folder / "out", config_of(bench))
+    if not report["objects"]:
+        raise StageError("the pipeline found no object where the beam is")
+    row = report["objects"][0]
+    surface = _surface(folder / "out" / "objects" / f"{int(row['id']):02d}", row)
+    shutil.rmtree(folder / "scans")
+    return Best(case=case, row=_plain(row), surface=surface, n_points=sum(len(s.cloud) for s in scans))
+
+
+def scans_of(bench: Bench, case: str) -> tuple[Scan, ...]:
+    """What the pipeline is given."""
+    if case == "hdl":
+        return hdl_scans(bench, 5)
+    noise = {"zero": 0.0, "noise": SIGMA_M}.get(case, stated("noise_m"))
+    return (lab_scan(bench, noise, "uniform" if case == "uniform" else "gaussian"),)
+
+
+def config_of(bench: Bench) -> Config:
+    """The defaults; of the scene's objects only the one nearest to the middle of the beam's heel is converted.
+
+    A quick run crops the scene to a box round the beam first: the other objects are then not cut out of it.
+    """
+    beam = lab17(bench.options.seed).solids[BEAM]
+    middle = applied(beam.T_world_shape, np.array([[0.0, 0.0, beam.shape.parameters["length"] / 2]]))[0]
+    settings: dict[str, Any] = {"select.near_m": tuple(round(float(x), 4) for x in middle), "run.seed": bench.options.seed, "run.jobs": 1}
+    if bench.options.quick:
+        low, high = beam.mesh.vertices.min(axis=0) - CROP_M, beam.mesh.vertices.max(axis=0) + CROP_M
+        settings["filtering.crop_box_m"] = tuple(round(float(x), 4) for x in (*low, *high))
+    return load_config(None, settings)
+
+
+def _surface(folder: Path, row: Mapping[str, Any]) -> TriangleMesh | None:
+    return read_surface(folder / "surface.ply") if "surface.ply" in (row.get("files") or []) else None
+
+
+def _plain(row: Mapping[str, Any]) -> dict[str, Any]:
+    """The row without what no experiment reads and what changes from run to run."""
+    kept = ("verdict", "reason", "route", "route_reason", "n_points", "surface", "volume", "member", "fea", "checks", "kind")
+    return {key: row[key] for key in kept if key in row}

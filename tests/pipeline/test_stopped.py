@@ -102,7 +102,10 @@ def test_times_of_a_stopped_object_are_those_of_its_work(scan, tmp_path):
     assert {"reconstruct", "repair"} <= told.keys()
 
 
-@pytest.mark.parametrize(("key", "value", "words"), [("run.object_seconds", 1.0, "stopped after 1 s"), ("run.object_gib", 0.1, "more than 0.1 GiB")])
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [("run.object_seconds", 1.0, "stopped after 1 s of processor time"), ("run.object_gib", 0.1, "more than 0.1 GiB")],
+)
 def test_limit_is_named_with_its_key_and_stage(key, value, words, scan, tmp_path):
     dense = tmp_path / "dense.xyz"  # too much for a second
     points = np.loadtxt(scan)

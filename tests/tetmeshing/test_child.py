@@ -48,7 +48,7 @@ def test_a_crash_is_told_as_one(tmp_path, monkeypatch):
     with pytest.raises(MeshingError, match="ran out of its 4 GiB"):
         run_worker(job(), **LIMITS)
     crash.write_text("import time\ntime.sleep(30)\n")
-    with pytest.raises(MeshingError, match="stopped after 1 s"):
+    with pytest.raises(MeshingError, match="stopped after 1 s of processor time"):
         run_worker(job(), time_limit_s=1.0, memory_limit_gib=4.0)
 
 

@@ -34,7 +34,7 @@ class CadOptions:
     true_faces: bool = option(True, "planes, cylinders, cones and spheres become true faces where the object is bounded by them")
     patches: bool = option(True, "a free form becomes NURBS patches where these follow it; facets without them")
     time_limit_s: float = option(
-        120.0, "wall clock for the true faces of one object, and for its NURBS patches; else facets", unit="s", minimum=1.0
+        120.0, "processor time for the true faces of one object, and for its NURBS patches; else facets", unit="s", minimum=1.0
     )
     max_faces: int = option(24_000, "largest number of faces of the solid; CAD systems and checks become unusable beyond", minimum=4)
 

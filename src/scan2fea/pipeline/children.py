@@ -1,4 +1,4 @@
-"""Runs the objects in child processes, a few at a time, with a time limit each; collects what they say and what they made.
+"""Runs the objects in child processes, a few at a time, with limits each; collects what they say and what they made.
 
 Each of the few is a worker (`pipeline.worker`) that has imported everything once and forks itself for each object: an object's process starts in
 milliseconds and takes no other along when it dies.
@@ -25,6 +25,7 @@ from typing import IO, Any, Self
 import psutil
 
 from scan2fea.io.files import write_bytes
+from scan2fea.kernel.processes import PATIENCE, spent_by
 from scan2fea.pipeline.record import ENDED, FORKS, LEFT, RESULT, Ended, Say
 from scan2fea.units import BYTES_PER_GIB
 
@@ -36,7 +37,7 @@ ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", 
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """What a child may use."""
+    """What an object may use: processor time and memory."""
 
     seconds: float
     gib: float
@@ -199,13 +200,13 @@ def _watch(
     worker: subprocess.Popen[str], limits: Limits, family: set[psutil.Process], stopped: list[str], closing: threading.Event, over: threading.Event
 ) -> None:
     """Kills the worker and all it started at the limits of its object; `family` receives what it starts, `stopped` why it was killed."""
-    until = time.monotonic() + limits.seconds
+    until = time.monotonic() + PATIENCE * limits.seconds
     while worker.poll() is None and not over.is_set():
         _meet(worker, family)
         if closing.is_set():
             stopped.append("interrupted {where}")
-        elif time.monotonic() > until:
-            stopped.append(f"stopped after {limits.seconds:g} s {{where}}: raise run.object_seconds or give fewer points")
+        elif spent_by(family) > limits.seconds or time.monotonic() > until:
+            stopped.append(f"stopped after {limits.seconds:g} s of processor time {{where}}: raise run.object_seconds or give fewer points")
         elif _resident(family) > limits.gib * BYTES_PER_GIB:
             stopped.append(f"stopped at more than {limits.gib:g} GiB {{where}}: raise run.object_gib or give fewer points")
         if stopped:

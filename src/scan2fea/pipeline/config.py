@@ -48,7 +48,7 @@ class ExportOptions:
 class RunOptions:
     seed: int = option(0, "seed of everything that draws at random", minimum=0)
     jobs: int | None = option(None, "objects converted at the same time; auto: one per processor", minimum=1)
-    object_seconds: float = option(600.0, "an object that takes longer is stopped and fails with that reason", unit="s", minimum=1.0)
+    object_seconds: float = option(600.0, "an object that takes more processor time is stopped and fails with that reason", unit="s", minimum=1.0)
     object_gib: float = option(4.0, "an object that needs more memory is stopped and fails with that reason", unit="GiB", minimum=0.1)
 
 

@@ -17,6 +17,7 @@ from typing import Any
 
 from scan2fea.cad import CadOptions, Trued, patched_solid, true_solid
 from scan2fea.io.artifacts import load, save
+from scan2fea.kernel.processes import run_limited
 from scan2fea.types import FloatArray, TriangleMesh
 
 
@@ -29,7 +30,7 @@ def true_solid_in_child(
     noise_m: float,
     resting: tuple[FloatArray, FloatArray] | None = None,
 ) -> Trued:
-    """`true_solid` within `options.time_limit_s` of wall clock; where it is stopped or dies the reason says so."""
+    """`true_solid` within `options.time_limit_s` of processor time; where it is stopped or dies the reason says so."""
     if not options.true_faces:
         return true_solid(mesh, points, options, spacing_m=spacing_m, noise_m=noise_m, resting=resting)
     more = {"spacing_m": spacing_m, "noise_m": noise_m, "resting": resting}
@@ -51,11 +52,11 @@ def _in_child(task: dict[str, Any], options: CadOptions, what: str) -> Trued:
         command = [sys.executable, "-m", "scan2fea.pipeline.faces_worker", str(job), str(result)]
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
         try:
-            ended = subprocess.run(command, capture_output=True, timeout=options.time_limit_s, env=environment, check=False)
+            ended = run_limited(command, options.time_limit_s, environment=environment)
         except subprocess.TimeoutExpired:
             return _none(f"the {what} took more than cad.time_limit_s = {options.time_limit_s:g} s")
         if not result.exists():
-            last = ended.stderr.decode(errors="replace").strip().splitlines()[-1:] or ["no message"]
+            last = ended.stderr.strip().splitlines()[-1:] or ["no message"]
             return _none(f"Open Cascade died over the {what} (code {ended.returncode}: {last[0]})")
         found = load(result)
     return found if isinstance(found, Trued) else _none(f"the result of the {what} could not be read")

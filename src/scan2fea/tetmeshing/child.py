@@ -1,4 +1,4 @@
-"""Runs worker.py in a process of its own, with a wall clock and a memory limit, and puts what went wrong in words."""
+"""Runs worker.py in a process of its own, with limits on processor time and memory, and puts what went wrong in words."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from scan2fea.errors import MeshingError
+from scan2fea.kernel.processes import run_limited
 
 KILLED = 9  # SIGKILL
 
@@ -36,12 +37,11 @@ def run_worker(job: dict[str, Any], *, time_limit_s: float, memory_limit_gib: fl
         command = [sys.executable, "-P", str(Path(__file__).with_name("worker.py")), str(job_path), str(result_path)]
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
         try:
-            ended = subprocess.run(
-                command, capture_output=True, text=True, errors="replace", timeout=time_limit_s, env=environment, cwd=folder, check=False
-            )  # fmt: skip
+            ended = run_limited(command, time_limit_s, environment=environment, folder=Path(folder))
         except subprocess.TimeoutExpired:
             raise MeshingError(
-                f"the mesher was stopped after {time_limit_s:.0f} s: mesh coarser (remesh.edge_m, tetmeshing.edge_m) or raise tetmeshing.time_limit_s"
+                f"the mesher was stopped after {time_limit_s:.0f} s of processor time: mesh coarser (remesh.edge_m, tetmeshing.edge_m)"
+                " or raise tetmeshing.time_limit_s"
             ) from None
         if not result_path.exists():
             raise MeshingError(_crash(ended.returncode, ended.stderr, memory_limit_gib))

@@ -273,6 +273,7 @@ class Brep(Value):
     region_of_face : (f,) int64, the face_region of the surface it was made from, -1 for a single facet.
     facet_of_face : (f,) int64, the surface face a single facet stands for, -1 otherwise.
     face_centre, face_area : (f, 3), (f,) metres, of solids with curved faces, whose triangles only come near to them; else None.
+    mesh_step : the same solid, face by face, as a mesher reads it best, where that is another text.
     """
 
     step: str
@@ -287,6 +288,7 @@ class Brep(Value):
     n_free_edges: int
     face_centre: FloatArray | None = None
     face_area: FloatArray | None = None
+    mesh_step: str = ""
 
     @property
     def is_curved(self) -> bool:

@@ -1,11 +1,11 @@
 """B-Rep and STEP: a surface to a CAD solid (AP214, millimetres) of true faces or of facets, several solids to one assembly."""
 
 from scan2fea.cad.assembly import assembly
+from scan2fea.cad.boxed import BOX_OFF, box_off_m
 from scan2fea.cad.brep import CadOptions, to_brep
 from scan2fea.cad.freeform import patched_solid
 from scan2fea.cad.prism import prism_brep
-from scan2fea.cad.readback import box_m
 from scan2fea.cad.solid import Trued, true_solid
 from scan2fea.cad.surfaces import Snap
 
-__all__ = ["CadOptions", "Snap", "Trued", "assembly", "box_m", "patched_solid", "prism_brep", "to_brep", "true_solid"]
+__all__ = ["BOX_OFF", "CadOptions", "Snap", "Trued", "assembly", "box_off_m", "patched_solid", "prism_brep", "to_brep", "true_solid"]

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from scan2fea.cad.boxed import with_exact_box
 from scan2fea.cad.brep import OCC_RESOLUTION_M, CadOptions
 from scan2fea.cad.cells import cell_solid
 from scan2fea.cad.live import is_valid, joined_triangles, moved_by, parts, surface_of, tessellated, volume_of
@@ -280,7 +281,8 @@ def _result(solid: Any, middle: FloatArray, scale: _Scale, snaps: tuple[Snap, ..
         facet_of_face=np.full(len(names), -1, np.int64), volume_m3=found.volume_m3, area_m2=found.area_m2, is_valid=found.is_valid,
         n_solids=found.n_solids, n_free_edges=found.n_free_edges, face_centre=found.face_centre, face_area=found.face_area,
     )  # fmt: skip
-    return Trued(brep=brep, mesh=mesh, reason="", snaps=snaps, how=_told(snaps, brep))
+    boxed = with_exact_box(brep, placed, mesh, OCC_RESOLUTION_M)
+    return Trued(brep=boxed, mesh=mesh, reason="", snaps=snaps, how=_told(snaps, brep))
 
 
 def _in_m(surface: Surface, middle: FloatArray) -> Surface:

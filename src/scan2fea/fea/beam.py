@@ -68,7 +68,7 @@ def assemble_beams(beams: Beams) -> BeamMatrices:
     for row, length in enumerate(_lengths(beams).tolist()):
         key = (int(beams.section[row]), round(length, 12))
         if key not in made:
-            made[key] = _element(beams.sections[key[0]], beams.material, length)
+            made[key] = beam_element(beams.sections[key[0]], beams.material, length)
         turn = _turn(beams.axes[row])
         at = np.ix_(dof[row], dof[row])
         stiffness[at] += turn.T @ made[key][0] @ turn
@@ -178,7 +178,7 @@ def _turn(axes: FloatArray) -> FloatArray:
     return out
 
 
-def _element(p: SectionProperties, material: Material, length: float) -> tuple[FloatArray, FloatArray]:
+def beam_element(p: SectionProperties, material: Material, length: float) -> tuple[FloatArray, FloatArray]:
     """(stiffness, mass), both (14, 14), in the axes of the section about the centroid."""
     e = material.youngs_pa
     g = e / (2 * (1 + material.poisson))

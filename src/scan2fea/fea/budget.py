@@ -15,6 +15,7 @@ import numpy as np
 from scan2fea.errors import Scan2FeaError, UsageError
 from scan2fea.fea.beam import assemble_beams, frequencies, straight
 from scan2fea.fea.beam_theory import buckling_loads, tip_under_force, tip_under_tension, tip_under_torque
+from scan2fea.fea.near_beam import NearBeams
 from scan2fea.fea.section_properties import SectionProperties, properties_of
 from scan2fea.kernel.sections import PARAMETERS
 from scan2fea.types import FloatArray, Material, Member, Value
@@ -42,7 +43,11 @@ def beam_response(p: SectionProperties, material: Material, length_m: float, for
     """The figures of one member: by name, SI. Forces along the axes of the section at the centroid of the tip, torque force times 1 m."""
     matrices = assemble_beams(straight(length_m, p, material, n_elements))
     free = np.zeros(len(matrices.stiffness), bool)
-    hertz = frequencies(matrices, free, 6 + N_FREQUENCIES)[0][6:]
+    return _told(p, material, length_m, force_n, frequencies(matrices, free, 6 + N_FREQUENCIES)[0])
+
+
+def _told(p: SectionProperties, material: Material, length_m: float, force_n: float, hertz: FloatArray) -> dict[str, float]:
+    """The figures, with the free frequencies (6 + k,), Hz."""
     out = {
         "mass_kg": material.density_kg_m3 * p.area * length_m,
         "tension": tip_under_tension(p, material, length_m, force_n),
@@ -52,7 +57,7 @@ def beam_response(p: SectionProperties, material: Material, length_m: float, for
     for k, name in enumerate("xy"):
         u, twist = tip_under_force(p, material, length_m, force_n * np.eye(2)[k])
         out |= {f"bend_{name}_x": float(u[0]), f"bend_{name}_y": float(u[1]), f"bend_{name}_twist": twist}
-    return out | {f"f{k + 1}_hz": float(f) for k, f in enumerate(hertz)}
+    return out | {f"f{k + 1}_hz": float(f) for k, f in enumerate(hertz[6:])}
 
 
 def budget(member: Member, material: Material, force_n: float, root_radius_m: float, n_samples: int, seed: int) -> Budget:
@@ -69,7 +74,15 @@ def budget(member: Member, material: Material, force_n: float, root_radius_m: fl
 
     told = response(centre)
     first = _first_order(response, centre, covariance, std, told)
-    drawn = _samples(response, centre, covariance, n_samples, seed) if n_samples and std.any() else []
+    drawn: list[dict[str, float]] = []
+    if n_samples and std.any():
+        near = NearBeams(model(member.values()), material, float(centre[length]), N_ELEMENTS)
+
+        def sampled(values: FloatArray) -> dict[str, float]:
+            p, length_m = model(dict(zip(names, values.tolist(), strict=True))), float(values[length])
+            return _told(p, material, length_m, force_n, near.frequencies(p, length_m, 6 + N_FREQUENCIES))
+
+        drawn = _samples(sampled, centre, covariance, n_samples, seed)
     spread = {name: float(np.std([row[name] for row in drawn], ddof=1)) for name in told} if len(drawn) > 1 else first
     assumed = tuple(p.name for p in member.parameters if p.source == "catalogue")
     return Budget(value=told, first_order_std=first, std=spread, n_samples=len(drawn), assumed=assumed)

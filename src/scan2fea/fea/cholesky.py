@@ -6,6 +6,7 @@ not end in 140 s. Here the order is a nested dissection and the work is done by 
 
 from __future__ import annotations
 
+import copy
 from typing import Any, cast
 
 import numpy as np
@@ -15,7 +16,7 @@ from scan2fea.errors import SolveError, require
 from scan2fea.fea.assemble import System
 from scan2fea.fea.dissection import Tree
 from scan2fea.kernel.jit import jit
-from scan2fea.types import FloatArray, IntArray
+from scan2fea.types import BoolArray, FloatArray, IntArray
 
 
 @jit
@@ -80,16 +81,25 @@ def _gather_child(child: FloatArray, to: IntArray, n_own: int, f11: FloatArray, 
                 column[at + 2] += child[3 * b + 2, i]
 
 
+_NOT_HELD = "the stiffness is not positive definite: a part of the mesh is not held by the support"
+
+
 def _dofs(nodes: IntArray) -> IntArray:
     return np.asarray((3 * nodes[:, None] + np.arange(3)).ravel())
 
 
 class Cholesky:
-    """Factors that solve (K + shift M) x = b for the nodes that are not held; in single precision an approximation of it."""
+    """Factors that solve (K + shift M) x = b for the nodes that are not held; in single precision an approximation of it.
+
+    Of a tree with `last` nodes these are left as a dense matrix, which `with_held` factors: for other supports there nothing else is done again.
+    """
 
     def __init__(self, system: System, tree: Tree, shift: float, dtype: type[np.float64] | type[np.float32] = np.float64) -> None:
         """Raises SolveError where the matrix is not positive definite to the digits of `dtype`."""
         self._tree, self._dtype = tree, dtype
+        self._end: Any = None  # of the last nodes, the lower half
+        self._free = np.zeros(0, np.int64)  # their unknowns that are not held
+        self._factor: Any = None
         example = np.zeros((1, 1), dtype)
         self._trsm: Any = get_blas_funcs("trsm", (example,))
         self._syrk: Any = get_blas_funcs("syrk", (example,))
@@ -108,15 +118,28 @@ class Cholesky:
             place[both] = np.arange(len(both))
             _gather_rows(front.own, place, *arrays, shift, f11, f21)
             for c in front.children:
+                if c not in waiting:  # a piece of its own
+                    continue
                 _gather_child(waiting.pop(c), place[tree.fronts[c].rest], len(front.own), f11, f21, f22)
             place[both] = -1
+            if len(tree.last) and number == len(tree.fronts) - 1:
+                self._end = f11
+                continue
             f11, info = self._potrf(f11, lower=1, clean=0, overwrite_a=1)
-            require(info == 0, SolveError, "the stiffness is not positive definite: a part of the mesh is not held by the support")
+            require(info == 0, SolveError, _NOT_HELD)
             if n_rest:
                 f21 = self._trsm(1.0, f11, f21, side=1, lower=1, trans_a=1, overwrite_b=1)
                 waiting[number] = self._syrk(-1.0, f21, beta=1.0, c=f22, lower=1, overwrite_c=1)
             start = 3 * int(tree.rank[front.own[0]])
             self._blocks.append((slice(start, start + n_own), _dofs(tree.rank[front.rest]), f11, f21))
+
+    def with_held(self, held: BoolArray) -> Cholesky:
+        """The inverse with the unknowns `held` (n, 3) at zero, all of them of the last nodes. Raises SolveError where they do not hold the body."""
+        out = copy.copy(self)
+        out._free = np.flatnonzero(~held[self._tree.fronts[-1].own].ravel())
+        out._factor, info = self._potrf(np.asfortranarray(self._end[np.ix_(out._free, out._free)]), lower=1, clean=0, overwrite_a=1)
+        require(info == 0, SolveError, _NOT_HELD)
+        return out
 
     def apply(self, right: FloatArray) -> FloatArray:
         """x (n, 3, r) for right sides (n, 3, r); held nodes get 0."""
@@ -126,6 +149,11 @@ class Cholesky:
             x[own] = self._trsm(1.0, f11, x[own], lower=1)
             if len(rest):
                 x[rest] -= f21 @ x[own]
+        if self._end is not None:
+            end = x[len(x) - len(self._end) :]
+            found = self._trsm(1.0, self._factor, self._trsm(1.0, self._factor, end[self._free], lower=1), lower=1, trans_a=1)
+            end[:] = 0.0
+            end[self._free] = found
         for own, rest, f11, f21 in reversed(self._blocks):
             y = x[own] - f21.T @ x[rest] if len(rest) else x[own]
             x[own] = self._trsm(1.0, f11, y, lower=1, trans_a=1)

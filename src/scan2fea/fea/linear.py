@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -21,9 +22,11 @@ from scan2fea.units import BYTES_PER_MIB
 
 MAX_ITERATIONS = 600
 TOLERANCE = 1e-10  # in the energy norm
+REFINEMENTS = 3  # solutions with one factor, the last only to measure, before conjugate gradients take over
 RESTARTS = 6  # each takes the residual anew from the strains: iterative refinement (Wilkinson 1963)
 
 
+DIRECT = "Cholesky (multifrontal, double precision)"
 Product = Callable[[FloatArray], FloatArray]
 
 
@@ -39,17 +42,21 @@ def inverses(
 ) -> Iterator[tuple[str, Callable[[], Inverse]]]:
     """(name, how to make it) of the approximate inverses worth trying, best first.
 
-    tree : fronts of the nodes that are not held, or None where factors are not wanted. Factors in double precision where they fit
-    `max_factor_mb`, in single precision where only those fit, multigrid otherwise or next.
+    held : (n, 3) unknowns.   tree : fronts of the nodes that are not held, or None where factors are not wanted. Factors in double precision where
+    they fit `max_factor_mb`, in single precision where only those fit, multigrid otherwise or next.
     """
+
+    def inner() -> System:
+        return restrained(system, held)
+
     if tree is not None:
         need = 8 * tree.peak_entries / BYTES_PER_MIB
         if need <= options.max_factor_mb or options.solver == "direct":
-            yield "Cholesky (multifrontal, double precision)", lambda: Cholesky(system, tree, shift)
+            yield DIRECT, lambda: Cholesky(inner(), tree, shift)
         elif need / 2 <= options.max_factor_mb:
-            yield "Cholesky (multifrontal, single precision) with conjugate gradients", lambda: Cholesky(system, tree, shift, np.float32)
+            yield "Cholesky (multifrontal, single precision) with conjugate gradients", lambda: Cholesky(inner(), tree, shift, np.float32)
     if options.solver != "direct":
-        yield "algebraic multigrid with conjugate gradients", lambda: Multigrid(system, rigid, held, shift)
+        yield "algebraic multigrid with conjugate gradients", lambda: Multigrid(inner(), rigid, np.asarray(held.all(axis=1)), shift)
 
 
 def conjugate_gradients(
@@ -113,20 +120,48 @@ class Static(Value):
     solver: str
 
 
+class Shared:
+    """Factors of the stiffness before it is held, made when first asked for: good for all supports on the last nodes of the tree."""
+
+    def __init__(self, system: System, tree: Tree, options: FeaOptions) -> None:
+        self.system, self.tree = system, tree
+        self._fits = 8 * tree.peak_entries / BYTES_PER_MIB <= options.max_factor_mb or options.solver == "direct"
+        self._made: Cholesky | None = None
+
+    def holds(self, held: BoolArray) -> bool:
+        """Whether all held unknowns (n, 3) are of last nodes, and the factors are wanted."""
+        others = np.ones(len(held), bool)
+        others[self.tree.last] = False
+        return bool(self._fits and len(self.tree.last) and not held[others].any())
+
+    def with_held(self, held: BoolArray) -> Cholesky:
+        """Raises SolveError where these do not hold the body."""
+        self._made = self._made or Cholesky(self.system, self.tree, 0.0)
+        return self._made.with_held(held)
+
+
 class StaticSolver:
     """One set of held unknowns (n, 3), any number of loads: the inverse is made once, the next way of making one only where it does not suffice."""
 
-    def __init__(self, system: System, tree: Tree | None, rigid: FloatArray, held: BoolArray, exact: Product, options: FeaOptions) -> None:
-        """`tree`: fronts of all nodes; `exact`: forces from displacements."""
-        whole = np.asarray(held.all(axis=1))
-        inner = restrained(system, held)
+    def __init__(self, system: System, shared: Shared | None, rigid: FloatArray, held: BoolArray, exact: Product, options: FeaOptions) -> None:
+        """`shared`: None where no factors are wanted; `exact`: forces from displacements."""
         self._free, self._exact, self._options = (~held).astype(float), exact, options
-        self._stiffness = inner.stiffness_matrix()
-        self._ways = list(inverses(inner, tree and without(tree, whole), rigid, whole, 0.0, options))
+        self._stiffness = system.stiffness_matrix()
+        self._ways: list[tuple[str, Callable[[], Inverse]]]
+        if shared is not None and shared.holds(held):
+            self._ways = [(DIRECT, lambda: shared.with_held(held)), *inverses(system, None, rigid, held, 0.0, options)]
+        else:
+            tree = None if shared is None else without(shared.tree, np.asarray(held.all(axis=1)))
+            self._ways = list(inverses(system, tree, rigid, held, 0.0, options))
         self._made: list[Inverse | SolveError] = []
 
     def product(self, x: FloatArray) -> FloatArray:
         return np.asarray((self._stiffness @ x.ravel()).reshape(-1, 3) * self._free)
+
+    def products(self, x: FloatArray) -> FloatArray:
+        """The same for blocks (3n, r)."""
+        flat = (x.reshape(*self._free.shape, -1) * self._free[:, :, None]).reshape(x.shape)
+        return np.asarray((self._stiffness @ flat).reshape(*self._free.shape, -1) * self._free[:, :, None]).reshape(x.shape)
 
     def inverse(self, k: int = 0) -> Inverse:
         """The k-th best inverse. Raises SolveError where it cannot be made."""
@@ -139,7 +174,33 @@ class StaticSolver:
         made = self._made[k]
         if isinstance(made, SolveError):
             raise made
-        return _Masked(made, self._free)
+        return Masked(made, self._free)
+
+    def together(self, forces: Mapping[str, FloatArray]) -> dict[str, Static]:
+        """Under each of the `forces` (n, 3), as one by one: a factor is read once for all of them. Raises SolveError as for one."""
+        out: dict[str, Static] = {}
+        if self._ways and self._ways[0][0] == DIRECT:
+            with contextlib.suppress(SolveError):  # no factors: told below, where the next way is tried
+                x, errors = self._refined(np.stack(list(forces.values()), axis=2))
+                for k, what in enumerate(forces):
+                    if errors[k] <= TOLERANCE:
+                        out[what] = Static(displacement=x[:, :, k].copy(), residual=float(errors[k]), solver=DIRECT)
+        return {what: out[what] if what in out else self(force, what) for what, force in forces.items()}
+
+    def _refined(self, right: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(x (n, 3, r), relative errors (r,) in the energy norm) of the first way, by iterative refinement. Raises SolveError as `inverse`."""
+        inverse = self.inverse(0)
+        right = right * self._free[:, :, None]
+        x, error = np.zeros_like(right), np.full(right.shape[2], np.inf)
+        for _ in range(REFINEMENTS):
+            strained = np.stack([self._exact(x[:, :, k]) for k in range(right.shape[2])], axis=2) * self._free[:, :, None]
+            step = inverse.apply(right - strained)
+            energy = np.einsum("ncr,ncr->r", right, x)
+            error = np.sqrt(np.abs(np.einsum("ncr,ncr->r", right - strained, step)) / np.where(energy > 0, energy, np.nan))
+            if (error <= TOLERANCE).all():
+                break
+            x = x + step
+        return x, error
 
     def __call__(self, force: FloatArray, what: str) -> Static:
         """Under `force` (n, 3). Raises SolveError where no way reaches `max_residual`; it says what each of them reached."""
@@ -160,7 +221,7 @@ class StaticSolver:
         raise SolveError(f"{what}, {force.size} dof: error above {limit:g}: {'; '.join(tried) or 'no solver fits: set fea.solver to auto'}")
 
 
-class _Masked:
+class Masked:
     """An inverse whose held unknowns stay zero."""
 
     def __init__(self, inner: Inverse, free: FloatArray) -> None:

@@ -19,9 +19,8 @@ from scan2fea.fea.beam import buckling as beam_buckling
 from scan2fea.fea.beam_theory import tip_under_force, tip_under_tension, tip_under_torque
 from scan2fea.fea.buckle import buckling_factors, stress_stiffness
 from scan2fea.fea.budget import N_FREQUENCIES, Budget, beam_response, budget, std_of
-from scan2fea.fea.dissection import Tree
 from scan2fea.fea.inner import InnerForces
-from scan2fea.fea.linear import StaticSolver
+from scan2fea.fea.linear import Shared, StaticSolver
 from scan2fea.fea.options import FeaOptions
 from scan2fea.fea.restrain import rigid_fields
 from scan2fea.fea.section_properties import SectionProperties, properties_of
@@ -56,7 +55,7 @@ class _Bench(Value):
 
 
 def member_cases(
-    model: FEModel, system: System, tree: Tree | None, member: Member, root_radius_m: float, rows: Sequence[CaseResult], options: FeaOptions
+    model: FEModel, system: System, shared: Shared | None, member: Member, root_radius_m: float, rows: Sequence[CaseResult], options: FeaOptions
 ) -> tuple[list[CaseResult], list[CaseField]]:
     """(`rows` with expected figures and standard deviations where theory has them, and the member's own rows; fields of these).
 
@@ -79,11 +78,11 @@ def member_cases(
     held = np.zeros((system.n_nodes, 3), bool)
     held[model.node_sets[FIRST]] = True
     exact = InnerForces(model.mesh, model.material)
-    solver = StaticSolver(system, tree, rigid_fields(np.asarray(model.mesh.nodes)), held, exact, options)
+    solver = StaticSolver(system, shared, rigid_fields(np.asarray(model.mesh.nodes)), held, exact, options)
     fields = []
-    for name, traction in _tractions(bench):
-        force = tip.nodal(traction, system.n_nodes)
-        u = solver(force, f"member, {name}").displacement
+    forces = {f"member, {name}": tip.nodal(traction, system.n_nodes) for name, traction in _tractions(bench)}
+    for title, found_u in solver.together(forces).items():
+        name, force, u = title.removeprefix("member, "), forces[title], found_u.displacement
         reaction = np.where(held, exact(u) - force, 0.0).sum(axis=0)
         stress = at_nodes(model.mesh, *von_mises(model.mesh, model.material, u))
         size = float(np.linalg.norm(force, axis=1).sum())
@@ -92,7 +91,8 @@ def member_cases(
         )
         out += _rows(bench, name, u)
     press = stress_stiffness(model.mesh, model.material, system, -fields[0].displacement_m)
-    factors, _ = buckling_factors(press, solver, held)
+    bent_or_twisted = np.stack([field.displacement_m for field in fields[1:]])  # it buckles much like that
+    factors, _ = buckling_factors(press, solver, held, bent_or_twisted)
     load = float(factors[0]) * bench.force_n if len(factors) else float("nan")
     out.append(figure("buckling", "buckling_n", "N", load, beam_buckling_load(p, model.material, bench.length_m), std_of(found, "buckling_n", load)))
     return out, fields

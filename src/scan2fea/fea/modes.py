@@ -6,6 +6,7 @@ mesh in two pieces shows twelve.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,14 +60,14 @@ def start_fields(nodes: FloatArray) -> FloatArray:
     return out.reshape(3 * len(x), 30)
 
 
-def _orthonormal(block: FloatArray, products: Products, against: FloatArray, m_against: FloatArray) -> FloatArray:
-    """Columns that span `block` without `against`, orthonormal in the mass; columns that depend on others are dropped."""
+def orthonormal(block: FloatArray, inner: Callable[[FloatArray], FloatArray], against: FloatArray, i_against: FloatArray) -> FloatArray:
+    """Columns that span `block` without `against`, orthonormal in the inner product; columns that depend on others are dropped."""
     for _ in range(2):
-        block = block - against @ (m_against.T @ block)
-        gram = block.T @ products.mass(block)
+        block = block - against @ (i_against.T @ block)
+        gram = block.T @ inner(block)
         scale = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
         values, vectors = np.linalg.eigh(gram * np.outer(scale, scale))
-        keep = values > 1e-12 * max(values[-1], 1e-300)
+        keep = values > 1e-12 * max(values.max(initial=0.0), 1e-300)
         block = (block * scale) @ (vectors[:, keep] / np.sqrt(values[keep]))
     return block
 
@@ -82,14 +83,14 @@ def first_guess(system: System, nodes: FloatArray, n_wanted: int) -> tuple[Float
     """(start block (3n, b), bound from above of the first elastic eigenvalue) by Rayleigh-Ritz on `start_fields`."""
     products = Products(system)
     none = np.zeros((3 * len(nodes), 0))
-    rigid = _orthonormal(rigid_fields(nodes).reshape(-1, 6), products, none, none)
+    rigid = orthonormal(rigid_fields(nodes).reshape(-1, 6), products.mass, none, none)
     m_rigid = products.mass(rigid)
-    basis = _orthonormal(start_fields(nodes), products, rigid, m_rigid)
+    basis = orthonormal(start_fields(nodes), products.mass, rigid, m_rigid)
     values, vectors = _ritz(basis, products.stiffness(basis))
     n_fields = min(n_wanted - 6, basis.shape[1])
     drawn = np.random.default_rng(_SEED).normal(size=(3 * len(nodes), n_wanted + GUARD - 6 - n_fields))
     others = np.concatenate([basis @ vectors[:, :n_fields], drawn], axis=1)
-    return np.concatenate([rigid, _orthonormal(others, products, rigid, m_rigid)], axis=1), float(values[0])
+    return np.concatenate([rigid, orthonormal(others, products.mass, rigid, m_rigid)], axis=1), float(values[0])
 
 
 def lobpcg(system: System, inverse: Inverse, shift: float, start: FloatArray, n_wanted: int, tolerance: float) -> Modes:
@@ -100,7 +101,7 @@ def lobpcg(system: System, inverse: Inverse, shift: float, start: FloatArray, n_
     products = Products(system)
     n, width = system.n_nodes, start.shape[1]
     none = np.zeros((3 * n, 0))
-    x = _orthonormal(start, products, none, none)
+    x = orthonormal(start, products.mass, none, none)
     k_x = products.stiffness(x)
     values, vectors = _ritz(x, k_x)
     x, k_x, momentum = x @ vectors, k_x @ vectors, none
@@ -113,7 +114,7 @@ def lobpcg(system: System, inverse: Inverse, shift: float, start: FloatArray, n_
         error = float(np.abs(bounds[:n_wanted]).max())
         if error <= tolerance:
             return Modes(eigenvalues=values[:n_wanted], shapes=x[:, :n_wanted].T.reshape(n_wanted, n, 3), error=error, rounds=count)
-        more = _orthonormal(np.concatenate([step, momentum], axis=1), products, x, m_x)
+        more = orthonormal(np.concatenate([step, momentum], axis=1), products.mass, x, m_x)
         basis, k_basis = np.concatenate([x, more], axis=1), np.concatenate([k_x, products.stiffness(more)], axis=1)
         values, vectors = _ritz(basis, k_basis)
         values, vectors = values[:width], vectors[:, :width]

@@ -2,46 +2,47 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
 
 from scan2fea.errors import SolveError, require
 from scan2fea.fea.assemble import System, assemble
-from scan2fea.fea.cholesky import Cholesky
-from scan2fea.fea.dissection import Tree, dissect
+from scan2fea.fea.dissection import Tree, dissect_before, without
 from scan2fea.fea.elements import surface_volume
-from scan2fea.fea.linear import inverses
-from scan2fea.fea.member_cases import member_cases
+from scan2fea.fea.lanczos import free_modes
+from scan2fea.fea.linear import DIRECT, Masked, Shared, inverses
+from scan2fea.fea.member_cases import FIRST, member_cases
 from scan2fea.fea.modes import GUARD, Modes, Products, first_guess, from_strains, lobpcg
 from scan2fea.fea.options import FeaOptions
 from scan2fea.fea.p_error import energy_of_error
-from scan2fea.fea.restrain import rigid_fields
+from scan2fea.fea.restrain import rigid_fields, three_points
 from scan2fea.fea.static import Statics, figure, solve_cases
 from scan2fea.fea.strain import energies
 from scan2fea.types import BoolArray, CaseResult, FEModel, FEResult, FloatArray, Member
-from scan2fea.units import BYTES_PER_MIB
 
 N_RIGID = 6
 SHIFT = 0.1  # of the estimate of the first elastic eigenvalue
-ROUGH_FLOPS = 2e10  # of the factors: beyond, those of the modes are made in single precision first, which halves what they cost
 EIGEN_TOLERANCE = 1e-10  # relative, of an eigenvalue
 
 
-def _free_modes(model: FEModel, system: System, tree: Tree | None, options: FeaOptions) -> tuple[Modes, str]:
+def _free_modes(model: FEModel, system: System, shared: Shared | None, options: FeaOptions) -> tuple[Modes, str]:
     """The six rigid and the first elastic modes of the free body. Raises SolveError where no solver finds them."""
-    nodes = model.mesh.nodes
+    nodes = np.asarray(model.mesh.nodes)
     n_wanted = N_RIGID + options.n_modes
     require(3 * len(nodes) > 3 * (n_wanted + GUARD), SolveError, f"{3 * len(nodes)} dof are too few for {n_wanted} modes: mesh finer")
     start, bound = first_guess(system, nodes, n_wanted)
-    free = np.zeros(len(nodes), bool)
     tried = []
-    ways = inverses(system, tree, rigid_fields(nodes), free, SHIFT * bound, options)
-    if tree is not None and tree.flops > ROUGH_FLOPS and 4 * tree.peak_entries / BYTES_PER_MIB <= options.max_factor_mb:
-        # it only steers: what the modes are worth is measured with the stiffness itself
-        ways = itertools.chain([("Cholesky (multifrontal, single precision)", lambda: Cholesky(system, tree, SHIFT * bound, np.float32))], ways)
-    for name, make in ways:
+    held = three_points(nodes)
+    if shared is not None and shared.holds(held):
+        try:
+            modes = free_modes(Products(system), Masked(shared.with_held(held), (~held).astype(float)), start, n_wanted, EIGEN_TOLERANCE)
+            return modes, f"Lanczos on {DIRECT}, {modes.rounds} rounds"
+        except SolveError as error:  # a mesh in pieces, most likely: below nothing is assumed of rigid motions
+            tried.append(str(error))
+    free = np.zeros((len(nodes), 3), bool)
+    tree = None if shared is None else without(shared.tree, free[:, 0])
+    for name, make in inverses(system, tree, rigid_fields(nodes), free, SHIFT * bound, options):
         try:
             modes = lobpcg(system, make(), SHIFT * bound, start, n_wanted, EIGEN_TOLERANCE)
         except SolveError as error:
@@ -51,9 +52,9 @@ def _free_modes(model: FEModel, system: System, tree: Tree | None, options: FeaO
     raise SolveError("; ".join(tried) or "no solver fits: set fea.solver to auto")
 
 
-def _modal(model: FEModel, system: System, tree: Tree | None, options: FeaOptions) -> tuple[tuple[CaseResult, ...], FloatArray, FloatArray, str]:
+def _modal(model: FEModel, system: System, shared: Shared | None, options: FeaOptions) -> tuple[tuple[CaseResult, ...], FloatArray, FloatArray, str]:
     """(cases, frequencies (6 + k,), shapes (k, n, 3), solver) of the free body."""
-    modes, solver = _free_modes(model, system, tree, options)
+    modes, solver = _free_modes(model, system, shared, options)
     again, shapes = from_strains(energies(model.mesh, model.material, modes.shapes), Products(system), modes.shapes)
     frequencies = np.sign(again) * np.sqrt(np.abs(again)) / (2 * np.pi)
     elastic = shapes[N_RIGID:]
@@ -86,6 +87,16 @@ def _discretisation(model: FEModel, weight: FloatArray, mode: FloatArray, hertz:
     )
 
 
+def _tree(model: FEModel, system: System, member: Member | None) -> Tree:
+    """Fronts that leave for the end, where this costs little, what one or other case holds: then one factorisation serves all of them."""
+    nodes = np.asarray(model.mesh.nodes)
+    points = np.flatnonzero(three_points(nodes).any(axis=1))
+    supports = [model.node_sets[name] for name in model.supports]
+    end = [model.node_sets[FIRST]] if member is not None and FIRST in model.node_sets else []
+    wanted = [np.unique(np.concatenate(sets)) for sets in ([points, *end, *supports], [points, *end], [points, *supports], [points])]
+    return dissect_before(nodes, np.array(system.indptr), np.array(system.indices), wanted)
+
+
 def solve(model: FEModel, options: FeaOptions = FeaOptions(), member: Member | None = None, root_radius_m: float = 0.0) -> FEResult:
     """Self weight and the user's cases on the supports, the modes of the free body, and of a member the cases that have closed forms.
 
@@ -103,17 +114,17 @@ def solve(model: FEModel, options: FeaOptions = FeaOptions(), member: Member | N
         n_dof <= options.max_dof, SolveError, f"{n_dof} degrees of freedom are above fea.max_dof = {options.max_dof}: mesh coarser or raise the limit"
     )
     system = assemble(mesh, material)
-    tree = None if options.solver == "amg" else dissect(np.array(mesh.nodes), np.array(system.indptr), np.array(system.indices))
-    statics = Statics(model, system, tree, options)
+    shared = None if options.solver == "amg" else Shared(system, _tree(model, system, member), options)
+    statics = Statics(model, system, shared, options)
     rows, fields, failed, static_solver = solve_cases(statics)
     singular, held = statics.singular.nodes, np.asarray(statics.held.all(axis=1))
-    del statics  # its factors need memory that the modes want too
-    modal, frequencies, shapes, modal_solver = _modal(model, system, tree, options)
+    del statics  # factors of its own need memory that the modes want too
+    modal, frequencies, shapes, modal_solver = _modal(model, system, shared, options)
     mass = figure("mass", "mass_kg", "kg", float(system.mass.sum()), material.density_kg_m3 * surface_volume(mesh.nodes, mesh.boundary))
     cases = [*rows, *modal, *_discretisation(model, fields[0].displacement_m, shapes[0], float(frequencies[N_RIGID]), held), mass]
     if member is not None:
         try:
-            cases, more = member_cases(model, system, tree, member, root_radius_m, cases, options)
+            cases, more = member_cases(model, system, shared, member, root_radius_m, cases, options)
             fields += more
         except SolveError as error:
             failed["member"] = str(error)

@@ -9,10 +9,9 @@ import numpy as np
 from scan2fea.errors import SolveError
 from scan2fea.fea.assemble import System
 from scan2fea.fea.buckle import buckling_factors, stress_stiffness
-from scan2fea.fea.dissection import Tree
 from scan2fea.fea.elements import surface_volume
 from scan2fea.fea.inner import InnerForces
-from scan2fea.fea.linear import StaticSolver
+from scan2fea.fea.linear import Shared, StaticSolver
 from scan2fea.fea.loads import nodal_forces
 from scan2fea.fea.options import FeaOptions
 from scan2fea.fea.restrain import held_unknowns, inertia_balanced, rigid_fields, three_points
@@ -35,18 +34,19 @@ def figure(name: str, measure: str, unit: str, value: float, expected: float | N
 class Statics:
     """The static solver of a model and what its cases share."""
 
-    def __init__(self, model: FEModel, system: System, tree: Tree | None, options: FeaOptions) -> None:
+    def __init__(self, model: FEModel, system: System, shared: Shared | None, options: FeaOptions) -> None:
         self.model, self.system, self.options = model, system, options
         self.held = held_unknowns(model)
-        self.solver = self._with(tree, self.held)
-        self._tree = tree
+        self._shared = shared
+        self.solver = self._with(self.held)
         self._floating: StaticSolver | None = None
         self.singular = singular_places(model)
         self._clear = outside_ring(model.mesh, self.singular)
 
-    def _with(self, tree: Tree | None, held: BoolArray) -> StaticSolver:
+    def _with(self, held: BoolArray) -> StaticSolver:
         mesh = self.model.mesh
-        return StaticSolver(self.system, tree, rigid_fields(np.asarray(mesh.nodes)), held, InnerForces(mesh, self.model.material), self.options)
+        rigid, exact = rigid_fields(np.asarray(mesh.nodes)), InnerForces(mesh, self.model.material)
+        return StaticSolver(self.system, self._shared, rigid, held, exact, self.options)
 
     def self_weight(self) -> tuple[tuple[CaseResult, ...], CaseField, str]:
         # consistent load: the integral of N_i rho a is row i of the mass times a
@@ -64,7 +64,7 @@ class Statics:
         nodes = np.asarray(self.model.mesh.nodes)
         held = three_points(nodes)
         if self._floating is None:
-            self._floating = self._with(self._tree, held)
+            self._floating = self._with(held)
         rows, field, solver = self._case(case.name, inertia_balanced(nodes, self.system, force), self._floating, held)
         return rows, field, f"{solver} (balanced by inertia)"
 
@@ -72,7 +72,8 @@ class Statics:
         self, name: str, force: FloatArray, solver: StaticSolver, held: BoolArray, expected_reaction: float | None = None
     ) -> tuple[tuple[CaseResult, ...], CaseField, str]:
         mesh, material = self.model.mesh, self.model.material
-        found = solver(force, name.replace("_", " "))
+        title = name.replace("_", " ")
+        found = solver.together({title: force})[title]
         u = found.displacement
         inner = InnerForces(mesh, material)(u)
         reaction = np.where(held, inner - force, 0.0).sum(axis=0)
@@ -92,7 +93,7 @@ class Statics:
             figure(name, "residual", "", found.residual),
         ]
         if self.options.buckling and name != SELF_WEIGHT and not self.model.is_floating:
-            factors, _ = buckling_factors(stress_stiffness(mesh, material, self.system, u), solver, held)
+            factors, _ = buckling_factors(stress_stiffness(mesh, material, self.system, u), solver, held, u[None])
             rows += [figure(name, "buckling_factor", "1", float(factors[0]))] if len(factors) else []
         field = CaseField(name=name, displacement_m=u, von_mises_pa=averaged, reaction_n=reaction, applied_n=applied, load_n=load)
         return tuple(rows), field, found.solver

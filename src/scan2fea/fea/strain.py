@@ -4,54 +4,92 @@ from __future__ import annotations
 
 import numpy as np
 
-from scan2fea.fea.assemble import lame
+from scan2fea.fea.assemble import _jacobian, lame
 from scan2fea.fea.elements import quadrature, shape_gradient
-from scan2fea.types import FloatArray, Material, TetMesh
-
-_CHUNK = 20_000  # elements at a time, to bound the memory
-
-
-def _gradients(mesh: TetMesh, rows: slice) -> tuple[FloatArray, FloatArray]:
-    """(gradients of the shape functions (m, q, nodes, 3), volumes of the points (m, q))."""
-    k = mesh.tets.shape[1]
-    points, weights = quadrature(1 if k == 4 else 2)
-    natural = shape_gradient(points, k)
-    x = (mesh.nodes - mesh.nodes.mean(axis=0))[mesh.tets[rows]]
-    jacobian = np.einsum("mna,qnc->mqac", x, natural, optimize=True)
-    return np.einsum("qnc,mqca->mqna", natural, np.linalg.inv(jacobian), optimize=True), np.linalg.det(jacobian) * weights / 6
+from scan2fea.kernel.jit import jit
+from scan2fea.types import FloatArray, IntArray, Material, TetMesh
 
 
-def _strain(gradient: FloatArray, values: FloatArray) -> FloatArray:
-    """(m, q, 3, 3) symmetric part of the displacement gradient; values (m, nodes, 3) less their mean (a translation strains nothing)."""
-    values = values - values.mean(axis=1, keepdims=True)
-    h = np.einsum("mqna,mnb->mqab", gradient, values, optimize=True)
-    return np.asarray((h + h.transpose(0, 1, 3, 2)) / 2)
+@jit
+def _strain_at(tet: IntArray, dshape: FloatArray, inverse: FloatArray, det: float, u: FloatArray, out: FloatArray) -> None:
+    """The strain (3, 3) of the displacements u (n, 3) at one point. They are taken from the first node on: a translation strains nothing."""
+    out[:] = 0.0
+    for a in range(1, len(tet)):
+        for c in range(3):
+            g = (dshape[a, 0] * inverse[0, c] + dshape[a, 1] * inverse[1, c] + dshape[a, 2] * inverse[2, c]) / det
+            for r in range(3):
+                half = 0.5 * g * (u[tet[a], r] - u[tet[0], r])
+                out[r, c] += half
+                out[c, r] += half
 
 
-def _stress(strain: FloatArray, material: Material) -> FloatArray:
-    lam, mu = lame(material)
-    return np.asarray(2 * mu * strain + lam * np.trace(strain, axis1=2, axis2=3)[..., None, None] * np.eye(3))
+@jit
+def _fill_strains(
+    nodes: FloatArray, tets: IntArray, dshape: FloatArray, weights: FloatArray, u: FloatArray, strain: FloatArray, volume: FloatArray
+) -> None:
+    inverse = np.zeros((3, 3))
+    for e in range(len(tets)):
+        for q in range(len(weights)):
+            det = _jacobian(nodes, tets[e], dshape[q], inverse)
+            volume[e, q] = weights[q] * det / 6.0
+            _strain_at(tets[e], dshape[q], inverse, det, u, strain[e, q])
+
+
+@jit
+def _add_energies(
+    nodes: FloatArray, tets: IntArray, dshape: FloatArray, weights: FloatArray, constants: FloatArray, fields: FloatArray, out: FloatArray
+) -> None:
+    """The lower half of `out` (k, k): integrals of strain_i : stress_j of fields (k, n, 3)."""
+    inverse, strain = np.zeros((3, 3)), np.zeros((len(fields), 3, 3))
+    for e in range(len(tets)):
+        for q in range(len(weights)):
+            det = _jacobian(nodes, tets[e], dshape[q], inverse)
+            w = weights[q] * det / 6.0
+            for i in range(len(fields)):
+                s = strain[i]
+                _strain_at(tets[e], dshape[q], inverse, det, fields[i], s)
+                for j in range(i + 1):
+                    t = strain[j]
+                    dot = s[0, 0] * t[0, 0] + s[1, 1] * t[1, 1] + s[2, 2] * t[2, 2]
+                    dot += 2.0 * (s[0, 1] * t[0, 1] + s[0, 2] * t[0, 2] + s[1, 2] * t[1, 2])
+                    traces = (s[0, 0] + s[1, 1] + s[2, 2]) * (t[0, 0] + t[1, 1] + t[2, 2])
+                    out[i, j] += w * (2.0 * constants[1] * dot + constants[0] * traces)
+
+
+def _arguments(mesh: TetMesh) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
+    """Nodes about their mean, tets, gradients of the shape functions at the points of the stiffness, and their weights."""
+    points, weights = quadrature(1 if mesh.order == 1 else 2)
+    tets = np.array(mesh.tets, np.int64)
+    return np.array(mesh.nodes - mesh.nodes.mean(axis=0), float), tets, shape_gradient(points, tets.shape[1]), weights
 
 
 def energies(mesh: TetMesh, material: Material, fields: FloatArray) -> FloatArray:
     """(k, k) integrals of strain_i : stress_j, J, for displacement fields (k, n, 3), m: twice the strain energy on the diagonal."""
     total = np.zeros((len(fields), len(fields)))
-    for first in range(0, len(mesh.tets), _CHUNK):
-        rows = slice(first, first + _CHUNK)
-        gradient, volume = _gradients(mesh, rows)
-        strains = [_strain(gradient, field[mesh.tets[rows]]) for field in fields]
-        right = np.stack([(_stress(s, material) * volume[..., None, None]).ravel() for s in strains])
-        total += np.stack([s.ravel() for s in strains]) @ right.T
-    return total
+    _add_energies(*_arguments(mesh), lame(material), np.array(fields, float), total)
+    return np.asarray(total + np.tril(total, -1).T)
+
+
+def _strains(mesh: TetMesh, field: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(strains (m, q, 3, 3), volumes of the points (m, q))."""
+    nodes, tets, dshape, weights = _arguments(mesh)
+    strain, volume = np.zeros((len(tets), len(weights), 3, 3)), np.zeros((len(tets), len(weights)))
+    _fill_strains(nodes, tets, dshape, weights, np.array(field, float), strain, volume)
+    return strain, volume
+
+
+def _stress(strain: FloatArray, material: Material) -> FloatArray:
+    lam, mu = lame(material)
+    stress = 2 * mu * strain
+    pressed = lam * (strain[..., 0, 0] + strain[..., 1, 1] + strain[..., 2, 2])
+    for k in range(3):
+        stress[..., k, k] += pressed
+    return np.asarray(stress)
 
 
 def stresses(mesh: TetMesh, material: Material, field: FloatArray) -> FloatArray:
     """(m, q, 3, 3) Pa at the integration points under the displacement (n, 3)."""
-    found = []
-    for first in range(0, len(mesh.tets), _CHUNK):
-        rows = slice(first, first + _CHUNK)
-        found.append(_stress(_strain(_gradients(mesh, rows)[0], field[mesh.tets[rows]]), material))
-    return np.concatenate(found)
+    return _stress(_strains(mesh, field)[0], material)
 
 
 def at_nodes(mesh: TetMesh, per_point: FloatArray, volume: FloatArray) -> FloatArray:
@@ -66,12 +104,8 @@ def at_nodes(mesh: TetMesh, per_point: FloatArray, volume: FloatArray) -> FloatA
 
 def von_mises(mesh: TetMesh, material: Material, field: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(von Mises stress (m q,), Pa, volume (m q,), m3) at the integration points under the displacement (n, 3)."""
-    stresses, volumes = [], []
-    for first in range(0, len(mesh.tets), _CHUNK):
-        rows = slice(first, first + _CHUNK)
-        gradient, volume = _gradients(mesh, rows)
-        s = _stress(_strain(gradient, field[mesh.tets[rows]]), material)
-        deviator = s - np.trace(s, axis1=2, axis2=3)[..., None, None] * np.eye(3) / 3
-        stresses.append(np.sqrt(1.5 * np.einsum("mqab,mqab->mq", deviator, deviator)).ravel())
-        volumes.append(volume.ravel())
-    return np.concatenate(stresses), np.concatenate(volumes)
+    strain, volume = _strains(mesh, field)
+    s = _stress(strain, material)
+    x, y, z = s[..., 0, 0], s[..., 1, 1], s[..., 2, 2]
+    shear = s[..., 0, 1] ** 2 + s[..., 0, 2] ** 2 + s[..., 1, 2] ** 2
+    return np.sqrt(((x - y) ** 2 + (y - z) ** 2 + (z - x) ** 2) / 2 + 3 * shear).ravel(), volume.ravel()

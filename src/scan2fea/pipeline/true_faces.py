@@ -5,9 +5,7 @@ Where one fails the surface goes the way of free form (triangles to facets), and
 
 from __future__ import annotations
 
-import numpy as np
-
-from scan2fea.cad import CadOptions, Trued, box_m
+from scan2fea.cad import BOX_OFF, CadOptions, Trued, box_off_m
 from scan2fea.errors import StageError
 from scan2fea.kernel.boundary import boundary_surface
 from scan2fea.kernel.coverage import deviation
@@ -23,7 +21,6 @@ from scan2fea.verification.limits import limits
 from scan2fea.verification.shape import deviation_checks, free_form_checks
 
 TRUE, FACETS = "true faces", "facets"
-BOX_OFF = 0.005  # of the size
 
 
 def build_true(
@@ -98,7 +95,7 @@ def _problem(made: Made, tets: TetMesh) -> str:
 
 def _misplaced(mesh: TriangleMesh, brep: Brep) -> str:
     """Whether other programs would see the solid elsewhere: the box of a surface of revolution that stands askew comes out too wide."""
-    off = float(np.abs(box_m(brep.step) - np.stack([mesh.vertices.min(0), mesh.vertices.max(0)])).max())
+    off = box_off_m(brep.step, mesh)
     if off <= BOX_OFF * extent(mesh.vertices):
         return ""
     return f"true faces were found, but their box in the STEP file reaches {off * 1e3:.3g} mm beyond them (limit {BOX_OFF:.1%} of the size)"

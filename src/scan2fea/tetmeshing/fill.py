@@ -178,7 +178,7 @@ def _better(found: _Found, options: OptimiseOptions) -> _Found:
 
 def _from_brep(job: dict[str, Any], mesh: TriangleMesh, brep: Brep, names: Names, limits: dict[str, float]) -> _Found:
     centre = (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2
-    step = np.frombuffer(brep.step.encode("ascii"), np.uint8)
+    step = np.frombuffer((brep.mesh_step or brep.step).encode("ascii"), np.uint8)
     got = run_worker({**job, "step": step, "shift_mm": -centre * MILLIMETRES_PER_METRE}, **limits)
     scale = 1 / MILLIMETRES_PER_METRE
     prove_order(names, got["face_centre"] * scale + centre, got["face_area"] * scale**2, extent(mesh.vertices))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import fdtri
 
+from scan2fea.kernel.threads import in_threads
 from scan2fea.kernel.transforms import applied, inverse
 from scan2fea.registration.pose_graph import GraphLink, GraphResult, components, optimise, rotation_vector
 from scan2fea.registration.quality import BLOCKS, judge
@@ -65,7 +66,7 @@ def arrange(
     if edge <= 0:
         return state.arranged([k for k in range(n) if not len(scans[k].cloud)])
     empty = Scan(cloud=scans[0].cloud.take(np.zeros(0, np.int64)))
-    surfaces = [surface_of(scans[k] if k in open_ else empty, edge) for k in range(n)]
+    surfaces = in_threads(lambda k: surface_of(scans[k] if k in open_ else empty, edge), range(n))
     usable = [k for k in open_ if not surfaces[k].is_small]
     for k in open_:
         if surfaces[k].is_small and T_given[k] is None:
@@ -143,17 +144,15 @@ def _trusted(
 
     given = [k for k in usable if T_given[k] is not None]
     matcher = Matcher(surfaces, seed)
-    pairs = [(given[0], k) for k in given[1:]]
-    for y, b in enumerate(usable):
-        for a in usable[:y]:
-            if (
-                state.unknown
-                or (T_given[a] is not None and T_given[b] is not None)
-                or (T_given[a] is None and T_given[b] is None and one_place(a, b))
-            ):
-                continue
-            if _agree(matcher, a, b, inverse(state.pose[a]) @ state.pose[b]):
-                pairs.append((a, b))
+
+    def is_open(a: int, b: int) -> bool:
+        if state.unknown or (T_given[a] is not None and T_given[b] is not None):
+            return False
+        return not (T_given[a] is None and T_given[b] is None and one_place(a, b))
+
+    asked = [(a, b) for y, b in enumerate(usable) for a in usable[:y] if is_open(a, b)]
+    agree = in_threads(lambda pair: _agree(matcher, *pair, inverse(state.pose[pair[0]]) @ state.pose[pair[1]]), asked)
+    pairs = [(given[0], k) for k in given[1:]] + [pair for pair, ok in zip(asked, agree, strict=True) if ok]
     label = components(len(surfaces), pairs)
     groups: dict[int, list[int]] = {}
     for k in usable:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ from scan2fea.errors import EmptyScanError, InternalError, require
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import sampled_rows, spacing
 from scan2fea.kernel.normals import normals_at
+from scan2fea.kernel.threads import in_threads
 from scan2fea.kernel.transforms import applied, rotated
 from scan2fea.registration.arrange import Arranged, arrange
 from scan2fea.registration.options import RegistrationOptions
@@ -172,13 +174,13 @@ def _agreement(scan: Scan, n_frames: int) -> tuple[FloatArray, FloatArray]:
     """
     cloud = scan.cloud
     view = scan.sensors() - cloud.points
-    median, limit = np.full(n_frames, np.nan), np.full(n_frames, np.nan)
     if len(np.unique(cloud.frame)) < 2:
-        return median, limit
-    for frame in range(n_frames):
+        return np.full(n_frames, np.nan), np.full(n_frames, np.nan)
+
+    def look(frame: int) -> tuple[float, float]:
         mine, rest = np.flatnonzero(cloud.frame == frame), np.flatnonzero(cloud.frame != frame)
         if len(mine) < 2 or len(rest) < 2:
-            continue
+            return math.nan, math.nan
         rest = rest[sampled_rows(len(rest), _OTHERS, frame)]
         own, others, drawn = cloud.points[mine], cloud.points[rest], sampled_rows(len(mine), _QUERIES, frame)
         distance, nearest = k_nearest(others, 1, own[drawn])
@@ -189,8 +191,9 @@ def _agreement(scan: Scan, n_frames: int) -> tuple[FloatArray, FloatArray]:
         near = (distance[:, 0] <= _OVERLAP_SPACINGS * h) & (aside <= _ASIDE_SPACINGS * h)
         side = np.einsum("nc,nc->n", normal, view[mine][drawn]) * np.einsum("nc,nc->n", normal, view[rest][nearest[:, 0]])
         near &= ~(side <= 0)  # nan, a view not known, counts as the same side
-        if near.mean() >= _LEAST_OVERLAP:
-            median[frame], limit[frame] = np.median(distance[near, 0]), _AGREE_SPACINGS * h
+        return (float(np.median(distance[near, 0])), _AGREE_SPACINGS * h) if near.mean() >= _LEAST_OVERLAP else (math.nan, math.nan)
+
+    median, limit = np.array(in_threads(look, range(n_frames))).T
     return median, limit
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from scan2fea.errors import UsageError, require
+from scan2fea.kernel.threads import in_threads
 from scan2fea.segmentation.agglomerative import agglomerative
 from scan2fea.segmentation.divisive import divisive
 from scan2fea.segmentation.euclidean import euclidean
@@ -68,9 +69,13 @@ def segment_scene(scan: Scan, options: SegmentationOptions = SegmentationOptions
 
 def _by_members(points: FloatArray, pieces: list[tuple[IntArray, str]], options: SegmentationOptions) -> list[tuple[IntArray, str]]:
     """The same, with objects that are made of several members cut into these."""
+
+    def labels_of(piece: tuple[IntArray, str]) -> IntArray:
+        rows, kind = piece
+        return members(points[rows], options.seed, options.min_points) if kind == "object" else np.zeros(len(rows), np.int64)
+
     out: list[tuple[IntArray, str]] = []
-    for rows, kind in pieces:
-        labels = members(points[rows], options.seed, options.min_points) if kind == "object" else np.zeros(len(rows), np.int64)
+    for (rows, kind), labels in zip(pieces, in_threads(labels_of, pieces), strict=True):
         out += [(rows[labels == label], kind) for label in range(int(labels.max(initial=-1)) + 1)]
     return out
 

@@ -54,9 +54,10 @@ def starts(points: FloatArray, families: Sequence[str], z_range: tuple[float, fl
     few = some[sampled_rows(len(some), _SCREEN_POINTS, seed)]
     size = size_of(some[:, :2])
     found: list[Start] = []
+    boxes = _boxes(some[:, :2])
     for family in families:
         layout = Layout(family=family)
-        guesses = np.array(_guesses(some[:, :2], family))
+        guesses = np.array(_round_guesses(some[:, :2], family) if family in ROUND else _guesses(boxes, family))
         level = model_of(few, layout, z_range, area_m2=area_m2).levels(guesses)
         order = np.argsort(-level, kind="stable")
         model = model_of(some, layout, z_range, area_m2=area_m2)
@@ -94,18 +95,29 @@ def _apart(ordered: FloatArray, layout: Layout, size: float) -> list[FloatArray]
     return kept
 
 
-def _guesses(xy: FloatArray, family: str) -> list[FloatArray]:
-    if family in ROUND:
-        return _round_guesses(xy, family)
+def _boxes(xy: FloatArray) -> FloatArray:
+    """(rolls, trims, 2, 2) low and high corners of the points (n, 2) in frames turned by each roll, without the outermost at either end."""
+    found = []
+    for roll in _rolls():
+        c, s = math.cos(roll), math.sin(roll)
+        found.append(np.quantile(xy @ np.array([[c, -s], [s, c]]), [[trim, 1 - trim] for trim in _TRIMS], axis=0))
+    return np.array(found)
+
+
+def _rolls() -> FloatArray:
+    return np.arange(_N_ROLLS) * (math.pi / 2 / _N_ROLLS)
+
+
+def _guesses(boxes: FloatArray, family: str) -> list[FloatArray]:
     logit = math.log(_FIRST_OUTLIERS / (1 - _FIRST_OUTLIERS))
     found = []
-    for roll in np.arange(_N_ROLLS) * (math.pi / 2 / _N_ROLLS):
+    for roll, by_trim in zip(_rolls(), boxes, strict=True):
         for quarter in range(_QUARTERS[family]):
             turn = roll + quarter * math.pi / 2
             c, s = math.cos(turn), math.sin(turn)
-            u = xy @ np.array([[c, -s], [s, c]])
-            for trim in _TRIMS:
-                low, high = np.quantile(u, [trim, 1 - trim], axis=0)
+            for low, high in by_trim:
+                for _ in range(quarter):  # a quarter turn on, x is what y was, and y is -x
+                    low, high = np.array([low[1], -high[0]]), np.array([high[1], -low[0]])
                 for wall in _WALLS if family != "rect" else _WALLS[:1]:
                     values, origin = _placed(family, low, high, wall)
                     centre = (c * origin[0] - s * origin[1], s * origin[0] + c * origin[1])

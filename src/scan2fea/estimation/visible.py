@@ -53,13 +53,10 @@ def seen_shares(family: str, values: Mapping[str, float], sensors: FloatArray) -
     length = np.linalg.norm(edge, axis=1)
     normal = np.stack([edge[:, 1], -edge[:, 0]], axis=1) / length[:, None]
     order = faces(family)
-    shares = np.zeros((len(sensors), len(order)))
-    for row, sensor in enumerate(sensors):
-        seen = _sees(sensor, places, normal, start, edge)
-        for i, name in enumerate(order):
-            own = np.array([n == name for n in names])
-            shares[row, i] = float((seen[own].mean(axis=1) * length[own]).sum() / length[own].sum())
-    return shares
+    part = np.array([[length[i] if names[i] == name else 0.0 for i in range(len(names))] for name in order])
+    part /= part.sum(axis=1, keepdims=True)
+    shares = [part @ _sees(sensor, places, normal, start, edge).mean(axis=1) for sensor in sensors]
+    return np.array(shares).reshape(len(sensors), len(order))
 
 
 @jit
@@ -104,15 +101,16 @@ def visible_sets(family: str, values: Mapping[str, float], sensors: FloatArray |
     angle = 2 * np.pi * (np.arange(N_DIRECTIONS) + 0.5) / N_DIRECTIONS
     size = max(values[name] for name in PARAMETERS[family])
     seen = seen_shares(family, values, FAR * size * np.stack([np.cos(angle), np.sin(angle)], axis=1)) >= SEEN
-    found = {tuple(bool(seen[:, i].any()) for i in range(len(order)))}
-    for first in range(N_DIRECTIONS):
-        arc = np.zeros(len(order), bool)
-        for step in range(N_DIRECTIONS):
-            arc = arc | seen[(first + step) % N_DIRECTIONS]
-            found.add(tuple(bool(one) for one in arc))
-    covered = _against_planes(family, values, order)
-    found |= {tuple(a and not bool(b) for a, b in zip(each, mask, strict=True)) for each in found for mask in covered}
-    sets = [tuple(name for name, is_seen in zip(order, one, strict=True) if is_seen) for one in found if any(one)]
+    bit = 1 << np.arange(len(order))
+    each = seen @ bit  # the faces of every direction as a number
+    arcs = np.zeros(N_DIRECTIONS, np.int64)
+    found = {int(np.bitwise_or.reduce(each))}
+    for step in range(N_DIRECTIONS):  # arcs from every direction, all longer by one
+        arcs = arcs | np.roll(each, -step)
+        found.update(arcs.tolist())
+    covered = [int(mask @ bit) for mask in _against_planes(family, values, order)]
+    found |= {one & ~mask for one in found for mask in covered}
+    sets = [tuple(name for name, own in zip(order, bit.tolist(), strict=True) if one & own) for one in found if one]
     return tuple(sorted(sets, key=lambda one: (-len(one), one)))
 
 

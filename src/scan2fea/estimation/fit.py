@@ -13,6 +13,7 @@ import numpy as np
 
 from scan2fea.errors import EstimationError, InputError, UsageError, require
 from scan2fea.estimation.anneal import climbed, walls
+from scan2fea.estimation.arc import Arc, seen_arc
 from scan2fea.estimation.candidates import Candidate, near_again, posterior, scene_of, search, with_likeliest_noise
 from scan2fea.estimation.canonical import canonical, turned_weight
 from scan2fea.estimation.end_view import end_view
@@ -27,7 +28,7 @@ from scan2fea.estimation.scoring import Scored
 from scan2fea.estimation.uncertainty import uncertainty
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.noise_kernels import KERNELS
-from scan2fea.kernel.section_likelihood import faces
+from scan2fea.kernel.section_likelihood import faces, radius_factors
 from scan2fea.kernel.sections import PARAMETERS, ROUND
 from scan2fea.options import option
 from scan2fea.types import FloatArray, Value
@@ -112,10 +113,19 @@ class _Task(Value):
     fixed: Mapping[str, float]
     best: Candidate
     options: FitOptions
+    arc: Arc | None = None  # of a circle that was seen in part
 
     def model(self, layout: Layout, at_most: int | None = None) -> SectionModel:
         some = self.points if at_most is None else self.points[sampled_rows(len(self.points), at_most, self.options.seed)]
-        return model_of(some, layout, self.z_range, area_m2=self.area_m2, noise=self.best.noise, face_weight=self.best.face_weight)
+        model = model_of(some, layout, self.z_range, area_m2=self.area_m2, noise=self.best.noise, face_weight=self.best.face_weight)
+        return model if self.arc is None else replace(model, arc=self.arc)
+
+    def with_arc(self, layout: Layout, theta: FloatArray) -> _Task:
+        """The same, knowing what part of a circle was seen."""
+        if layout.family not in ROUND:
+            return self
+        radii, middle = radius_factors(layout.family) @ layout.values(theta), layout.axis(theta)[:, 0]
+        return replace(self, arc=seen_arc(self.model(layout, self.options.subsample).in_section(theta), radii, layout.sigma(theta), middle))
 
 
 def fit_section(
@@ -161,6 +171,7 @@ def fit_section(
         best = replace(best, face_weight=turned_weight(layout.family, best.face_weight))
     longer = replace(layout, tilt=True, n_bow=options.n_bow, n_twist=options.n_twist)
     task = _Task(points=inside, z_range=z_used, area_m2=area, size_m=size, fixed=fixed, best=best, options=options)
+    task = task.with_arc(layout, theta)
     return _result(task, *_final(task, longer, layout.moved(theta, longer)), found, noises, turned)
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from scan2fea.errors import InputError, UsageError, require
+from scan2fea.estimation.arc import Arc
 from scan2fea.estimation.scoring import Summed
 from scan2fea.kernel.noise_kernels import kernel_parts
 from scan2fea.kernel.round_sums import round_levels, round_sums
@@ -100,6 +101,7 @@ class SectionModel(Value):
 
     xy : (n, 2) metres, across the provisional member axis.   zeta : (n,) in [-1, 1] along it.   area_m2 : of the outliers' uniform law.
     face_weight : (f,) points per metre of each face, relative (see `section_likelihood`), before the free ones; None: all alike.
+    arc : of a circle that was seen in part; None: all round.
     """
 
     layout: Layout
@@ -108,6 +110,7 @@ class SectionModel(Value):
     area_m2: float
     noise: str = "gaussian"
     face_weight: FloatArray | None = None
+    arc: Arc | None = None
 
     @functools.cached_property
     def _free_rows(self) -> list[int]:
@@ -186,8 +189,18 @@ class SectionModel(Value):
         theta = np.array(theta, float)  # one that may be written to: else the kernel is compiled once more
         parts = kernel_parts(self.noise)
         if layout.family in ROUND:
-            return round_sums(self.xy, self._legendre, theta, curve, base, rows, radius_factors(layout.family), parts, self.area_m2, asked)
+            whole = round_sums(self.xy, self._legendre, theta, curve, base, rows, radius_factors(layout.family), parts, self.area_m2, asked)
+            return whole if self.arc is None else self._of_arc(self.arc, theta, *whole)
         return straight_sums(self.xy, self._legendre, theta, curve, base, rows, *edges_of(layout.family), parts, self.area_m2, asked)
+
+    def _of_arc(self, arc: Arc, theta: FloatArray, level: float, slope: FloatArray, products: FloatArray) -> Summed:
+        """The sums of whole circles as those of the arc that was seen."""
+        at = [self.layout.place["cx"], self.layout.place["cy"]]
+        gain, by_centre = arc.log_share(theta[at])
+        n = (1 - self.layout.outlier_share(theta)) * len(self.xy)
+        slope = slope.copy()
+        slope[at] += n * by_centre
+        return level + n * gain, slope, products
 
     def levels(self, thetas: FloatArray) -> FloatArray:
         """(g,) log likelihoods at each of (g, q) thetas of a straight member with all its faces."""

@@ -105,7 +105,7 @@ def _boxes(xy: FloatArray) -> FloatArray:
 
 
 def _rolls() -> FloatArray:
-    return np.arange(_N_ROLLS) * (math.pi / 2 / _N_ROLLS)
+    return np.asarray(np.arange(_N_ROLLS) * (math.pi / 2 / _N_ROLLS), np.float64)
 
 
 def _guesses(boxes: FloatArray, family: str) -> list[FloatArray]:

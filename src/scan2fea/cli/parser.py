@@ -156,10 +156,14 @@ def _add_member(command: argparse.ArgumentParser, what: str) -> None:
 
 
 def _add_pictures(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--scale", metavar="TEXT", help='of photographs: "0.25 m between targets A B", or cameras [acquisition.scale]')
+    command.add_argument("--known-length", metavar="TEXT", help='of photographs: "0.8 m 03.jpg 120,340 810,355" [acquisition.known_length]')
     command.add_argument("--sensor", metavar="S", help="ultrasonic: the input is a log of pings [acquisition.sensor]")
 
 
 def _add_scene_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--scale", metavar="TEXT", help='of photographs: "0.25 m between targets A B", or cameras [acquisition.scale]')
+    command.add_argument("--known-length", metavar="TEXT", help='of photographs: "0.8 m 03.jpg 120,340 810,355" [acquisition.known_length]')
     command.add_argument("--sensor", metavar="S", help="scan with this sensor alone, e.g. terrestrial or hdl32e")
     command.add_argument("--noise", metavar="N", help='noise of every sensor, e.g. "2 mm" (standard deviation) or "uniform:20 mm" (half width)')
     command.add_argument("--seed", type=int, default=0, help="seed of everything random")

@@ -8,19 +8,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from scan2fea.acquisition import Acquired, AcquisitionOptions, from_rgbd, from_stereo, is_image, is_rgbd
+from scan2fea.acquisition import Acquired, AcquisitionOptions, from_photographs, from_rgbd, from_stereo, from_ultrasonic, is_image, is_rgbd
 from scan2fea.acquisition.acquired import Frame
-from scan2fea.errors import InputError, require
 from scan2fea.io import InputOptions, RawScan
 from scan2fea.io.files import sha256_of
 from scan2fea.units import metres_per
 
 NO_SCALE = "unknown"  # RawScan.unit_source of lengths that are not metres: nothing with a size may be made of them
+WITHOUT_SCALE = (
+    "the photographs do not tell a size, and a model of a wrong size is worse than none: "
+    'give --scale "0.25 m between targets A B" (or cameras), or --known-length "0.8 m 03.jpg 120,340 810,355"'
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Group:
-    """Inputs that are read together. kind : "scan" (one file of points), "stereo", "rgbd"."""
+    """Inputs that are read together. kind : "scan" (one file of points), "stereo", "rgbd", "photographs", "ultrasonic"."""
 
     kind: str
     paths: tuple[Path, ...]
@@ -43,7 +46,7 @@ class Group:
 
 
 def grouped(inputs: Sequence[Path], options: AcquisitionOptions) -> list[Group]:
-    """The inputs in their order, pictures together. Raises InputError for pictures of which nothing can be made."""
+    """The inputs in their order, pictures together."""
     pictures = tuple(path for path in inputs if path.is_file() and is_image(path))
     groups: list[Group] = []
     for path in inputs:
@@ -52,21 +55,36 @@ def grouped(inputs: Sequence[Path], options: AcquisitionOptions) -> list[Group]:
                 groups.append(_of_pictures(pictures, options))
         elif path.is_dir() and is_rgbd(path):
             groups.append(Group(kind="rgbd", paths=(path,)))
+        elif path.is_dir() and photographs_in(path):
+            groups.append(Group(kind="photographs", paths=tuple(photographs_in(path))))
+        elif options.sensor == "ultrasonic":
+            groups.append(Group(kind="ultrasonic", paths=(path,)))
         else:
             groups.append(Group(kind="scan", paths=(path,)))
     return groups
 
 
 def _of_pictures(paths: tuple[Path, ...], options: AcquisitionOptions) -> Group:
-    says = f"{paths[0].name}: one picture alone has no depth: give two of a calibrated rig with --calibration FILE"
-    require(len(paths) > 1, InputError, says)
-    return Group(kind="stereo", paths=paths)
+    return Group(kind="stereo" if options.calibration else "photographs", paths=paths)
+
+
+def photographs_in(folder: Path) -> list[Path]:
+    """The pictures of a folder, or of `images` in it, in the order of their names."""
+    for place in (folder, folder / "images"):
+        found = sorted(path for path in place.iterdir() if path.is_file() and is_image(path)) if place.is_dir() else []
+        if found:
+            return found
+    return []
 
 
 def acquire(group: Group, options: AcquisitionOptions, unit: str = "") -> Acquired:
     """Run the acquisition of a group. Raises InputError where nothing of it can be used, UsageError where an option lacks."""
     if group.kind == "rgbd":
         return from_rgbd(group.paths[0], options)
+    if group.kind == "ultrasonic":
+        return from_ultrasonic(group.paths[0], options)
+    if group.kind == "photographs":
+        return from_photographs(group.paths, options)
     return from_stereo(group.paths, options, metres_per(unit) if unit else None)
 
 
@@ -98,3 +116,15 @@ def raw_of(frame: Frame, acquired: Acquired, *, is_first: bool, options: InputOp
 def acquired_rows(raws: Sequence[Any]) -> list[dict[str, Any]]:
     """acquisition of report.json: what was made of pictures and logs, one row per group."""
     return [dict(raw.acquired) for raw in raws if raw.acquired is not None]
+
+
+def without_scale(raws: list[Any], rows: list[dict[str, Any]]) -> None:
+    """Leave out inputs without a scale where others have one: nothing says how large they are beside them."""
+    lacks = {raw.value.path for raw in raws if raw.value.unit_source == NO_SCALE}
+    if not lacks or len(lacks) == len(raws):
+        return
+    raws[:] = [raw for raw in raws if raw.value.path not in lacks]
+    for k, row in enumerate(rows):
+        if row["path"] in lacks and row["used"]:
+            rows[k] = {**row, "n_points": 0, "used": False, "unit": None, "unit_source": None, "sensor": None}
+            rows[k]["reason"] = f"{Path(row['path']).name}: its size beside the other inputs is not known: give --scale"

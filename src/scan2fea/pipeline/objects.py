@@ -86,6 +86,19 @@ def convert_all(parts: Sequence[Part], out: Path, config: Config, resume: bool, 
     return [r["object"] for r in results], [stage for r in results for stage in r["stages"]]
 
 
+def refuse_all(parts: Sequence[Part], out: Path, why: str, say: Say) -> list[dict[str, Any]]:
+    """Rows of objects[] of which nothing is made: their cloud is kept, `why` is their reason."""
+    rows = []
+    for part in parts:
+        folder = out / KEEP / "objects" / f"{part.id:02d}"
+        folder.mkdir(parents=True, exist_ok=True)
+        _write_failed(part, folder, out, why)
+        rows.append(json.loads((folder / RESULT).read_text(encoding="utf-8"))["object"])
+        say({"event": "verdict", "object": str(part.id), "verdict": rows[-1]["verdict"], "reason": why})
+    _drop_others(out, {f"{part.id:02d}" for part in parts})
+    return rows
+
+
 def _is_done(folder: Path, key: str) -> bool:
     """Whether the object was made from the same part and options, and not stopped on the way."""
     try:

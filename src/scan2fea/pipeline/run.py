@@ -19,13 +19,13 @@ from scan2fea.errors import InputError, UsageError, require
 from scan2fea.fea import check_options
 from scan2fea.io import InputOptions, RawScan, read_scan, write_cloud_ply, write_trajectory
 from scan2fea.io.files import existing_file, sha256_of, write_bytes
-from scan2fea.pipeline.acquire import Group, acquire, acquired_rows, grouped, raw_of
+from scan2fea.pipeline.acquire import NO_SCALE, WITHOUT_SCALE, Group, acquire, acquired_rows, grouped, raw_of, without_scale
 from scan2fea.pipeline.assigned import assigned, resolved
 from scan2fea.pipeline.chosen import chosen_of
 from scan2fea.pipeline.config import Config, to_toml
 from scan2fea.pipeline.frames import trajectory_of_all
 from scan2fea.pipeline.labels import edited, labels_text, read_rows
-from scan2fea.pipeline.objects import convert_all, parts_of
+from scan2fea.pipeline.objects import convert_all, parts_of, refuse_all
 from scan2fea.pipeline.outputs import write_assembly, write_members
 from scan2fea.pipeline.record import KEEP, Record, Say, Tracked, key_of
 from scan2fea.pipeline.results import assumed_unit, finite_tree, input_row, run_report
@@ -63,7 +63,10 @@ def run(
         _write_scene(out, rows, scene.value, segments)
         for text in (*assumed_unit(rows, scene.value), *scene.value.notes, *chosen.notes):
             log({"event": "note", "object": None, "text": text})
-        objects, stages = convert_all(parts, out, replace(config, object=named), resume, log)
+        if any(row["unit_source"] == NO_SCALE for row in rows):
+            objects, stages = refuse_all(parts, out, WITHOUT_SCALE, log), []
+        else:
+            objects, stages = convert_all(parts, out, replace(config, object=named), resume, log)
         write_assembly(out, out / KEEP / "objects", objects)
         frame = write_members(out, out / KEEP / "objects", objects, config)
         report = run_report(config, command, rows, scene.value, segments, record.stages + stages, objects, chosen)
@@ -125,6 +128,7 @@ def read_all(
         except InputError as error:
             rows.append(input_row(path, None, str(error)))
             record.event("note", text=f"left out: {error}")
+    without_scale(raws, rows)
     if not raws:
         reasons = [str(row["reason"]) for row in rows]
         raise InputError("; ".join(reasons) if len(reasons) == 1 else f"none of the {len(inputs)} inputs can be used; the first: {reasons[0]}")

@@ -11,6 +11,7 @@ from typing import Any
 from scan2fea import __version__
 from scan2fea.errors import UsageError, require
 from scan2fea.io import write_cloud_ply, write_text, write_trajectory
+from scan2fea.pipeline.acquire import acquired_rows
 from scan2fea.pipeline.config import Config, to_toml
 from scan2fea.pipeline.frames import registration_row, trajectory_of_all
 from scan2fea.pipeline.record import Record
@@ -39,6 +40,8 @@ def register_files(inputs: Sequence[Path], out: Path, config: Config) -> dict[st
     except OSError as error:
         raise UsageError(f"{out}: cannot be written ({error.strerror}); give another folder with -o") from error
     report = register_report(rows, scene, config)
+    told = acquired_rows([raw.value for raw in raws])
+    report |= {"acquisition": finite_tree(told)} if told else {}
     write_cloud_ply(out / "cloud.ply", scene.scan.cloud, {"frame": scene.scan.cloud.frame.astype("int32")})
     write_trajectory(out / "trajectory.txt", trajectory_of_all(rows, scene))
     write_text(out / "config.toml", to_toml(config))

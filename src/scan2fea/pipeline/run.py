@@ -64,7 +64,8 @@ def run(
         for text in (*assumed_unit(rows, scene.value), *scene.value.notes, *chosen.notes):
             log({"event": "note", "object": None, "text": text})
         if any(row["unit_source"] == NO_SCALE for row in rows):
-            objects, stages = refuse_all(parts, out, WITHOUT_SCALE, log), []
+            objects = refuse_all(parts, out, WITHOUT_SCALE, log)
+            stages: list[dict[str, Any]] = []
         else:
             objects, stages = convert_all(parts, out, replace(config, object=named), resume, log)
         write_assembly(out, out / KEEP / "objects", objects)

@@ -117,7 +117,7 @@ def kept_cells(cells: Any, mesh_mm: TriangleMesh) -> Any | None:
     if not solids:
         return None
     tessellated(cells, 0.002 * float(np.linalg.norm(np.ptp(mesh_mm.vertices, axis=0))))
-    inside = [s for s in solids if is_inside(s, mesh_mm)]
+    inside = [s for s, is_in in zip(solids, are_inside(solids, mesh_mm), strict=True) if is_in]
     used: dict[int, list[Any]] = {}
     for solid in inside:
         for face in parts(solid, TopAbs_FACE):
@@ -129,13 +129,22 @@ def kept_cells(cells: Any, mesh_mm: TriangleMesh) -> Any | None:
     return None if found is None else unified(found)
 
 
-def is_inside(cell: Any, mesh_mm: TriangleMesh) -> bool:
-    """Whether most of a cell lies inside the mesh: asked at the middles of chords that start anywhere on its faces."""
+def are_inside(cells: Sequence[Any], mesh_mm: TriangleMesh) -> list[bool]:
+    """Whether most of each cell lies inside the mesh: asked at the middles of chords that start anywhere on its faces, of all cells together."""
+    middles = [_middles(cell) for cell in cells]
+    of = np.repeat(np.arange(len(cells)), [len(m) for m in middles])
+    depth = -signed_distance(np.concatenate(middles), mesh_mm)
+    return [bool(total > 0) for total in np.bincount(of, weights=depth, minlength=len(cells))]
+
+
+def _middles(cell: Any) -> FloatArray:
+    """(k, 3) middles of PROBES chords or fewer; none of a cell without volume."""
     from OCP.TopAbs import TopAbs_FACE
 
+    none = np.zeros((0, 3))
     hull, _ = joined_triangles(parts(cell, TopAbs_FACE))
     if len(hull.faces) < 4 or volume_of(cell) <= 0:
-        return False
+        return none
     a, b, c = (hull.vertices[hull.faces[:, k]] for k in range(3))
     cross = np.cross(b - a, c - a)
     area = np.linalg.norm(cross, axis=1)
@@ -149,8 +158,4 @@ def is_inside(cell: Any, mesh_mm: TriangleMesh) -> bool:
     step = 1e-7 * float(np.linalg.norm(np.ptp(hull.vertices, axis=0)))
     length, hit = first_hits(scene_of(hull), start + step * inward, inward)
     ok = (hit >= 0) & np.isfinite(length)
-    if not ok.any():
-        return False
-    middle = start[ok] + (step + length[ok] / 2)[:, None] * inward[ok]
-    inside = signed_distance(middle, mesh_mm)
-    return bool(-inside.sum() > 0)
+    return np.asarray(start[ok] + (step + length[ok] / 2)[:, None] * inward[ok])

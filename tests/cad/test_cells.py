@@ -1,0 +1,35 @@
+"""Which cells of space lie inside a body."""
+
+import numpy as np
+
+from scan2fea.cad.cells import are_inside, cells_of, margin_face
+from scan2fea.cad.live import parts, tessellated, volume_of
+from scan2fea.kernel.surfaces import PLANE, Surface
+from scan2fea.types import TriangleMesh
+
+CORNERS = np.array([[x, y, z] for x in (0, 10.0) for y in (0, 10.0) for z in (0, 10.0)])
+FACES = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])
+
+
+def test_cells_are_asked_together_and_told_apart():
+    """Planes x, y, z = -5, 0, 10, 15 cut space into 27 boxes: the middle one is the body, alone and among the others."""
+    from OCP.TopAbs import TopAbs_SOLID
+
+    body = TriangleMesh(vertices=CORNERS, faces=FACES)
+    drawn = []
+    for axis in range(3):
+        for place in (-5.0, 0.0, 10.0, 15.0):
+            at = np.full(3, 5.0)
+            at[axis] = place
+            spread = CORNERS * 2 - 5
+            spread[:, axis] = place
+            drawn.append(margin_face(Surface(kind=PLANE, point=at, axis=np.eye(3)[axis]), spread, 1.0))
+    cells = parts(cells_of(drawn), TopAbs_SOLID)
+    for cell in cells:
+        tessellated(cell, 0.1)
+    inside = are_inside(cells, body)
+    volumes = np.array([volume_of(cell) for cell in cells])
+    assert len(cells) == 27
+    assert volumes[np.array(inside)].tolist() == [np.float64(volumes.max())]
+    assert abs(volumes.max() - 1000.0) < 1e-6
+    assert [are_inside([cell], body)[0] for cell in cells] == inside

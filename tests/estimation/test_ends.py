@@ -68,3 +68,12 @@ def test_rough_ends_see_past_caps_and_clutter():
     low, high = rough_ends(z)
     assert low == pytest.approx(0, abs=0.02) and high == pytest.approx(1, abs=0.02)
     assert rough_ends(np.full(60, 2.0)) == (2.0, 2.0)
+
+
+def test_an_end_with_a_hidden_stretch_and_few_points_is_still_an_end():
+    rng = np.random.default_rng(4)
+    for n_near in (0, 3, 7, 9, 30):  # so many within the stretch in which the edge is looked at a second time
+        z = np.r_[rng.uniform(0.0, 0.002, n_near), rng.uniform(0.3, 3.0, 4_000)]
+        points = np.c_[rng.uniform(-0.05, 0.05, (len(z), 2)), z]
+        found = find_ends(points, 1e-5, (0.0, 3.0), RATIO)
+        assert np.isfinite([found.length_m, found.std_m, found.low.std_m]).all() and 2.6 < found.length_m < 3.1

@@ -253,8 +253,9 @@ def _square(z: FloatArray, s: float, reach: float, near: float, caps: list[float
         own = z[(z > window[0]) & (z < window[1])]
         if len(own) < 8:
             break
-        fits = _posterior(own, window, s, tried)
-        edge = max(fits, key=lambda fit: fit.log_likelihood).edge
+        found = _posterior(own, window, s, tried)
+        best = max(found, key=lambda fit: fit.log_likelihood)
+        fits, edge = found if len(found) == len(caps) else (best,) * len(caps), best.edge
     return fits
 
 

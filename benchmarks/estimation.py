@@ -108,7 +108,7 @@ def bound(cell: dict) -> dict[str, float]:
     values = np.array([cell["values"][name] for name in names])
     sd = dict(information(cell["family"], values, cell["sigma"]).sd(int(n))) if cell["sigma"] > 0 else dict.fromkeys(names, float("nan"))
     sd["length"] = float(np.sqrt(2 * cell["sigma"] * cell["values"]["length"] / (0.903 * n)))
-    return {name: sd[name] for name in (*names, "length")}
+    return {name: float(np.nan_to_num(sd[name])) for name in (*names, "length")}
 
 
 def table(cell_of: dict[str, dict], rows: dict[str, list[dict]]) -> None:
@@ -131,7 +131,8 @@ def table(cell_of: dict[str, dict], rows: dict[str, list[dict]]) -> None:
             cover = float(np.mean(np.abs(error[told]) < 1.96 * std[told]))
             base = [r["closest"][key] - cell["values"][key] for r in good if key in r.get("closest", {})]
             closest = f" ({1e3 * np.mean(base):+.1f})" if base else ""
-            parts.append(f"{key}: {1e3 * error[told].mean():+.2f} {rmse / sd:.2f} {cover:.2f} {100 * told.mean():.0f}{closest}")
+            ratio = f"{rmse / sd:.2f}" if sd > 0 else f"{1e3 * rmse:.5f} mm"
+            parts.append(f"{key}: {1e3 * error[told].mean():+.2f} {ratio} {cover:.2f} {100 * told.mean():.0f}{closest}")
         right = 100 * len(good) / len(done)
         print(f"{name:46s} {len(done):3d} {right:5.0f}% {np.mean([r['seconds'] for r in done]):6.2f}  " + "; ".join(parts))
         if "bow" in cell and good:

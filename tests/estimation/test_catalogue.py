@@ -1,10 +1,12 @@
 """The catalogue: probabilities that leave room for sizes outside the table, priors that are named, tables of users."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from estimation.made import made
-from scan2fea.errors import InputError, UsageError
+from scan2fea.errors import EstimationError, InputError, UsageError
 from scan2fea.estimation.catalogue import OTHER, posterior, prior_thickness, standard_odds
 from scan2fea.estimation.catalogued import catalogued
 from scan2fea.estimation.table import Table, parse_table, read_table, shipped_table, shipped_text
@@ -156,3 +158,14 @@ def test_standard_outer_dimensions_speak_for_the_family():
     assert standard_odds("L", {"a": 0.1311, "b": 0.0573, "t": 0.001}, 2e-4) == pytest.approx(0.4, abs=0.05)
     assert standard_odds("L", {"b": 5 * inch, "t": 0.05, "a": 5 * inch}, 5e-4) == standard_odds("L", {"a": 5 * inch, "b": 5 * inch, "t": 0.001}, 5e-4)
     assert standard_odds("round", {"d": 0.05}, 1e-4, Table(shapes=(), source="none")) == 1.0
+
+
+def test_walls_of_the_table_that_leave_no_section_are_not_built():
+    # half of a T looked like this channel, 2.3 mm high: every size of the table has flanges that would meet
+    member = made("C", 0.4, {"h": 0.0023, "b": 0.02, "tw": 0.0005, "tf": 0.0002})
+    parameters = tuple(replace(p, observable=p.name in ("h", "length"), std_m=1e-5 if p.name in ("h", "length") else None) for p in member.parameters)
+    covariance = np.diag([1e-10, 0, 0, 0, 1e-10])
+    hidden = replace(member, parameters=parameters, covariance=covariance)
+    flat = Table(shapes=tuple(replace(s, parameters={**s.parameters, "tf": 0.6 * s.parameters["h"]}) for s in TABLE.of("C")[:3]), source="flat")
+    with pytest.raises(EstimationError, match="no size of the table goes with what was seen of a C member"):
+        catalogued(hidden, flat)

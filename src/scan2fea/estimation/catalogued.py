@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from scan2fea.errors import EstimationError, UsageError
 from scan2fea.estimation.catalogue import OTHER, PriorThickness, posterior, prior_thickness, standard_odds
 from scan2fea.estimation.table import Table, shipped_table
-from scan2fea.kernel.sections import PARAMETERS
+from scan2fea.kernel.sections import PARAMETERS, check_section
 from scan2fea.types import CatalogueEntry, Member, Parameter
 
 CATALOGUE = "catalogue"
@@ -19,7 +20,7 @@ def catalogued(member: Member, table: Table | None = None) -> Member:
     """The member with `catalogue` filled; dimensions of the section that are not observable take the value of the prior, which one entry names.
 
     Observed dimensions then are those estimated at the assumed ones. What the user fixed stays. A table without sizes of the family leaves the values
-    as they are. Raises UsageError where no dimension of the section was observed.
+    as they are. Raises UsageError where no dimension of the section was observed, EstimationError where no size of the table goes with those.
     """
     names = PARAMETERS[member.family]
     rows = [k for k, p in enumerate(member.parameters) if p.name in names]
@@ -31,7 +32,12 @@ def catalogued(member: Member, table: Table | None = None) -> Member:
     if all(known.values()) or not sizes.of(member.family):
         return replace(member, catalogue=entries)
     prior = prior_thickness(member.family, values, covariance, known, sizes)
-    return replace(_built_with(member, prior, known), catalogue=_with_prior(entries, prior))
+    built = _built_with(member, prior, known)
+    try:
+        check_section(built.family, built.values())
+    except UsageError as error:
+        raise EstimationError(f"no size of the table goes with what was seen of a {member.family} member ({prior.name} would be: {error})") from error
+    return replace(built, catalogue=_with_prior(entries, prior))
 
 
 def with_standard_odds(member: Member, alternatives: Mapping[str, Mapping[str, float]], table: Table | None = None) -> Member:

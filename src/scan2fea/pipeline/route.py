@@ -92,7 +92,10 @@ def estimate(scan: Scan, options: MemberOptions, route: RouteOptions, known: Kno
         return Estimate(member=None, explains=False, reason=f"no dimension of a {member.family} member was seen")
     if fit.method == "density":
         member = with_standard_odds(member, alternatives(fit.section), table)
-    member = catalogued(member, table)
+    try:
+        member = catalogued(member, table)
+    except EstimationError as error:
+        return Estimate(member=None, explains=False, reason=str(error))
     if fit.explains:
         member = replace(member, damage=damages(scan.cloud.points, member, member.sigma_m, options.seed))
     return Estimate(member=member, explains=fit.explains, reason=_reason(fit), p_fixed=fit.p_fixed, given=fit.given)

@@ -26,6 +26,7 @@ from scan2fea.filtering import FilteringOptions
 from scan2fea.io import InputOptions
 from scan2fea.options import option
 from scan2fea.pipeline.known import KnownObject, known_object, table_lines
+from scan2fea.pipeline.requires import RequireOptions
 from scan2fea.pipeline.route import RouteOptions
 from scan2fea.reconstruction import ReconstructionOptions
 from scan2fea.registration import RegistrationOptions
@@ -62,6 +63,7 @@ class Config:
     filtering: FilteringOptions = field(default_factory=FilteringOptions)
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)
     select: SelectOptions = field(default_factory=SelectOptions)
+    require: RequireOptions = field(default_factory=RequireOptions)
     route: RouteOptions = field(default_factory=RouteOptions)
     estimation: MemberOptions = field(default_factory=MemberOptions)
     solid: SolidOptions = field(default_factory=SolidOptions)

@@ -27,6 +27,7 @@ from scan2fea.pipeline.members import build_member, choose_route, told_after_all
 from scan2fea.pipeline.outputs import BREP, MEMBER, write_object
 from scan2fea.pipeline.part import Made, Part
 from scan2fea.pipeline.record import Record, Tracked
+from scan2fea.pipeline.requires import noise_checks, spacing_checks
 from scan2fea.pipeline.results import object_row
 from scan2fea.pipeline.true_faces import build_true
 from scan2fea.reconstruction import reconstruct
@@ -63,9 +64,14 @@ def convert(part: Part, key: str, config: Config, record: Record, folder: Path) 
 
 
 def _chain(made: Made, source: Tracked[Part], config: Config, record: Record) -> None:
+    has_points = source.value.mesh is None
+    made.checks += spacing_checks(source.value.scan.cloud, config.require) if has_points else []
+    if any(not check.passed for check in made.checks):
+        return  # what is demanded of the scan comes first
     member = choose_route(made, source, config, record)
     if member is not None:
         tets = build_member(made, member, config, record)
+        made.checks += noise_checks(made.sigma_m, config.require)
     else:
         surface = _surface(made, source, config, record)
         if any(not check.passed for check in made.checks):
@@ -170,7 +176,7 @@ def _shape(made: Made, source: Tracked[Part], config: Config, record: Record) ->
     made.spacing_m, made.sigma_m, made.sensor = found.value.spacing_m, found.value.sigma_m, found.value.sensor
     made.residual_m = found.value.residual_m
     made.how.update(found.value.how)
-    made.checks += found.value.checks
+    made.checks += [*found.value.checks, *noise_checks(found.value.sigma_m, config.require)]
     moved(made, "reconstruct", found.value.mesh)
     return Tracked(found.value.mesh, found.key)
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from scan2fea.errors import UsageError, require
-from scan2fea.thesis import approach, background, drawings, results, segments
+from scan2fea.thesis import approach, background, conclusion, drawings, hypotheses, results, segments
+from scan2fea.thesis.best import CASES
 from scan2fea.thesis.experiment import Experiment
 from scan2fea.thesis.published import printed_tables
 
@@ -83,6 +84,17 @@ def _all() -> Iterable[Experiment]:
     yield one(id="F4.52", section="4.3.4", title="Scale space 2, cut", make=results.cut_picture("SS2"))
     yield one(id="F4.53", section="4.3.4", title="Scale space 4, cut", make=results.cut_picture("SS4"))
     yield one(id="T4.7", section="4.3.4", title=printed_tables()["T4.7"].title, make=results.cut_table)
+    yield one(id="S4.4", section="4.4", title="What each data set tells of the beam", make=conclusion.dimensions)
+    for number, case in enumerate(conclusion.SETS, 1):
+        yield one(id=f"S4.4.{number}", section="4.4", title=f"Shape estimation: {CASES[case]}", make=conclusion.four_pictures(case))
+    yield one(id="S5.1", section="5", title="Boundary representations", make=conclusion.boundary_representations)
+    yield one(id="S5.2", section="5", title="Finite elements: the converted beams beside the true one", make=conclusion.finite_elements)
+    yield one(id="H1", section="H", title="When the beam can be isolated", make=hypotheses.isolation)
+    yield one(id="H2.1", section="H", title="Free form by spacing and noise", make=hypotheses.free_map)
+    yield one(id="H2.2", section="H", title="Free form by what was seen", make=hypotheses.view_map)
+    yield one(id="H2.3", section="H", title="Members by what was seen, and noise", make=hypotheses.member_map)
+    yield one(id="H2.4", section="H", title="How far smoothing may go", make=hypotheses.scale_limits)
+    yield one(id="H2.5", section="H", title="Conditions that a cloud must meet", make=hypotheses.limits)
 
 
 EXPERIMENTS: Mapping[str, Experiment] = {experiment.id: experiment for experiment in _all()}

@@ -1,0 +1,194 @@
+"""Section 4.4 and chapter 5, which the thesis left open: shape estimation on each data set, CAD faces, and finite elements beside the true beam."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from scan2fea.errors import Scan2FeaError
+from scan2fea.estimation.layers import layers_of
+from scan2fea.estimation.solid import solid_of
+from scan2fea.fea import FeaOptions, build_model, solve
+from scan2fea.fea.beam_theory import tip_under_force
+from scan2fea.fea.materials import chosen_material
+from scan2fea.fea.section_properties import properties_of
+from scan2fea.report.camera import Camera, framed, look_at
+from scan2fea.report.colours import categories
+from scan2fea.report.render import Shape, render
+from scan2fea.simulation.lab17 import lab17
+from scan2fea.tetmeshing import layered
+from scan2fea.thesis.bench import Bench
+from scan2fea.thesis.best import CASES, Best, best
+from scan2fea.thesis.canvas import tiles
+from scan2fea.thesis.clouds import BEAM, beam_points, treated
+from scan2fea.thesis.experiment import Cell, Made, Table
+from scan2fea.thesis.meshes import first_mesh
+from scan2fea.thesis.pictures import cloud_picture, mesh_picture
+from scan2fea.thesis.published import stated
+from scan2fea.types import FloatArray, Member, Parameter
+
+SETS = ("zero", "noise", "hdl")
+FIGURES = (
+    ("bend_x", "tip_x_m", "tip along the leg under 100 N, mm", 1e3), ("bend_x", "tip_y_m", "tip across it, mm", 1e3),
+    ("modal", "f7_hz", "f1, Hz", 1.0), ("modal", "f8_hz", "f2, Hz", 1.0), ("modal", "f9_hz", "f3, Hz", 1.0), ("mass", "mass_kg", "mass, kg", 1.0),
+)  # fmt: skip
+_WIDE, _HIGH = 460, 300
+END = 0.08  # of the length, in the view of one end
+
+
+def cases_of(bench: Bench) -> tuple[str, ...]:
+    """The data sets of a run; a quick one has the three of the thesis's sections."""
+    return SETS if bench.options.quick else tuple(CASES)
+
+
+def dimensions(bench: Bench) -> Made:
+    """Section 4.4 as a table: what each data set tells of the beam."""
+    true = lab17(bench.options.seed).solids[BEAM].shape.parameters
+    volume = lab17(bench.options.seed).solids[BEAM].volume_m3
+    rows: list[tuple[Cell, ...]] = []
+    says: list[str] = []
+    for case in cases_of(bench):
+        try:
+            found = best(bench, case)
+        except Scan2FeaError as error:
+            says.append(f"{CASES[case]}: {error}")
+            continue
+        for name, (value, std, observable) in found.parameters().items():
+            size = true.get(name)
+            error_std = None if size is None or not std else (value - size) / std
+            cells = (None if size is None else 1e3 * size, 1e3 * value, None if std is None else 1e3 * std, observable, error_std)
+            rows.append((CASES[case], name, *cells))
+        ratio = None if found.volume_m3 is None else found.volume_m3 / volume
+        told = "" if ratio is None else f", volume {ratio:.4f} of the true one"
+        says.append(f"{CASES[case]}: {'converted' if found.converted else 'failed'}{told}: {found.reason}.")
+        says += _posterior(found)
+    head = ("data set", "dimension", "true, mm", "found, mm", "standard deviation, mm", "told by the data", "error in standard deviations")
+    return Made(table=Table(head=head, rows=tuple(rows)), says=tuple(says))
+
+
+def _posterior(found: Best) -> list[str]:
+    """What the catalogue says where the data do not tell a wall."""
+    entries = (found.row.get("member") or {}).get("catalogue") or []
+    hidden = [name for name, (_, _, observable) in found.parameters().items() if not observable]
+    if not hidden or not entries:
+        return []
+    likeliest = "; ".join(f"{e['name']} {100 * e['probability']:.0f} %" for e in entries[:3])
+    return [f"{CASES[found.case]}: not told by the points: {', '.join(hidden)}; the catalogue's posterior: {likeliest}."]
+
+
+def four_pictures(case: str) -> Callable[[Bench], Made]:
+    """Section 4.4 as pictures: the isolated beam, the first mesh, the estimated solid, the optimised mesh."""
+
+    def make(bench: Bench) -> Made:
+        points = beam_points(bench, case)
+        scene = treated(bench, case)
+        isolated = scene.points[scene.labels == scene.beam] if scene.beam >= 0 else points
+        camera = look_at(points, width_px=_WIDE, height_px=_HIGH)
+        wide = look_at(isolated, width_px=_WIDE, height_px=_HIGH)
+        pictures = [("isolated beam", cloud_picture(isolated, camera=wide))]
+        says = [f"{len(isolated):,} points in the beam's cluster."]
+        try:
+            pictures.append(("first mesh, advancing front", mesh_picture(first_mesh(bench, case, "AF"), camera)))
+        except Scan2FeaError as error:
+            says.append(f"No first mesh: {error}")
+        found = best(bench, case)
+        if found.surface is not None:
+            view = look_at(found.surface.vertices, width_px=_WIDE, height_px=_HIGH)
+            close = _one_end(found.surface.vertices, view)
+            pictures.append(("estimated solid", mesh_picture(found.surface, view)))
+            pictures.append(("its mesh, one end", mesh_picture(found.surface, close, lines=True)))
+        says.append(f"{'Converted' if found.converted else 'Failed'}: {found.reason}.")
+        return Made(picture=tiles(pictures, 2), says=tuple(says))
+
+    return make
+
+
+def _one_end(vertices: FloatArray, view: Camera) -> Camera:
+    along = vertices @ view.axes[0]
+    return framed(vertices[along <= along.min() + END * float(np.ptp(along))], view.axes, _WIDE, _HIGH)
+
+
+def boundary_representations(bench: Bench) -> Made:
+    """Chapter 5: faces of the boundary representations, each in its own colour."""
+    pictures, says = [], []
+    for case in cases_of(bench):
+        try:
+            found = best(bench, case)
+        except Scan2FeaError as error:
+            says.append(f"{CASES[case]}: {error}")
+            continue
+        if found.surface is None:
+            says.append(f"{CASES[case]}: no solid: {found.reason}")
+            continue
+        vertices, faces = np.asarray(found.surface.vertices), np.asarray(found.surface.faces)
+        view = look_at(vertices, width_px=_WIDE, height_px=_HIGH)
+        close = _one_end(vertices, view)
+        region = np.zeros(len(faces), np.int64) if found.surface.face_region is None else np.asarray(found.surface.face_region)
+        pictures.append((f"{case}, one end", render(close, (Shape(vertices=vertices, faces=faces, colours=categories(region), smooth=False),))))
+        says.append(f"{CASES[case]}: {len(np.unique(region))} faces, {'converted' if found.converted else 'not converted'}.")
+    if not pictures:
+        return Made(failed="no data set gave a solid", says=tuple(says))
+    return Made(picture=tiles(pictures, 3), says=tuple(says))
+
+
+def finite_elements(bench: Bench) -> Made:
+    """Chapter 5: what the converted beams do beside the true one."""
+    true = bench.kept("true beam", lambda: true_response(bench))
+    rows: list[tuple[Cell, ...]] = [("true beam, beam theory", *_scaled(theory(bench)), None), ("true beam, finite elements", *_scaled(true), None)]
+    says: list[str] = []
+    for case in cases_of(bench):
+        try:
+            found = best(bench, case)
+        except Scan2FeaError as error:
+            says.append(f"{CASES[case]}: {error}")
+            continue
+        if not found.converted:
+            says.append(f"{CASES[case]}: not converted: {found.reason}.")
+            continue
+        values = {(name, measure): case_value[0] for name, measure, _, _ in FIGURES if (case_value := found.case_value(name, measure)) is not None}
+        tip, reference = values.get(("bend_x", "tip_x_m")), true["bend_x tip_x_m"]
+        rows.append((f"{CASES[case]}, {found.row.get('route')}", *_scaled({f"{a} {b}": v for (a, b), v in values.items()}), _error(tip, reference)))
+    head = ("beam", *(title for _, _, title, _ in FIGURES), "error of the tip, %")
+    says.append("Held at one end, 100 N at the centroid of the other along a leg; frequencies of the free beam. Steel S235.")
+    return Made(table=Table(head=head, rows=tuple(rows)), says=tuple(says))
+
+
+def _error(value: float | None, reference: float) -> float | None:
+    return None if value is None else 100 * (abs(value) / abs(reference) - 1)
+
+
+def _scaled(values: dict[str, float]) -> tuple[Cell, ...]:
+    return tuple(abs(values[f"{a} {b}"]) * scale if f"{a} {b}" in values else None for a, b, _, scale in FIGURES)
+
+
+def true_member() -> Member:
+    """The beam as the thesis states it."""
+    sizes = {"a": stated("beam_leg_m"), "b": stated("beam_leg_m"), "t": stated("beam_thickness_m"), "length": stated("beam_length_m")}
+    parameters = tuple(Parameter(name=name, value_m=value, std_m=None, observable=True, source="fixed") for name, value in sizes.items())
+    return Member(
+        family="L", parameters=parameters, T_world_member=np.eye(4), bow=np.zeros((2, 0)), twist=np.zeros(0),
+        end_normals=np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]), covariance=np.zeros((4, 4)), sigma_m=0.0, noise="gaussian", outlier_share=0.0,
+        seen={}, families={"L": 1.0},
+    )  # fmt: skip
+
+
+def true_response(bench: Bench) -> dict[str, float]:
+    """Figures of the finite element model of the true beam, meshed as a converted one is."""
+    member, options = true_member(), FeaOptions()
+    at = layers_of(solid_of(member))
+    model = build_model(layered(at.points, at.triangles, at.rim, at.rim_tag, at.face_names), options)
+    found = solve(model, options, member)
+    wanted = {(name, measure) for name, measure, _, _ in FIGURES}
+    return {f"{case.name} {case.measure}": case.value for case in found.cases if (case.name, case.measure) in wanted}
+
+
+def theory(bench: Bench) -> dict[str, float]:
+    """Closed forms of the true beam: tip of the cantilever with shear and twist, and mass."""
+    member, options = true_member(), FeaOptions()
+    values, material = member.values(), chosen_material(options)
+    p = properties_of("L", {name: values[name] for name in ("a", "b", "t")})
+    moved, _ = tip_under_force(p, material, values["length"], np.array([options.test_force_n, 0.0]))
+    return {
+        "bend_x tip_x_m": float(moved[0]), "bend_x tip_y_m": float(moved[1]), "mass mass_kg": material.density_kg_m3 * p.area * values["length"],
+    }  # fmt: skip

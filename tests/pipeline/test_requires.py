@@ -6,7 +6,7 @@ import pytest
 from scan2fea.errors import UsageError
 from scan2fea.kernel.noise import spacing
 from scan2fea.pipeline.config import Config, load_config, to_toml
-from scan2fea.pipeline.requires import RequireOptions, noise_checks, spacing_checks
+from scan2fea.pipeline.requires import RequireOptions, conditions, noise_checks, spacing_checks, thinnest_wall
 from scan2fea.types import PointCloud
 
 GRID = np.stack(np.meshgrid(np.arange(20) * 0.01, np.arange(20) * 0.01, [0.0]), axis=-1).reshape(-1, 3)
@@ -43,3 +43,9 @@ def test_it_is_an_option_like_any_other():
     assert load_config(None, {"require.spacing_m": "0.004"}).require.spacing_m == 0.004
     with pytest.raises(UsageError, match=r"require\.noise_m"):
         load_config(None, {"require.noise_m": "-1"})
+
+
+def test_the_thinnest_wall_is_that_of_spacing_or_noise():
+    limit = conditions()
+    assert thinnest_wall(0.0063, float("nan")) == pytest.approx(0.0063 / limit["spacing_walls"])
+    assert thinnest_wall(0.001, 0.002) == pytest.approx(0.002 / limit["noise_walls"])

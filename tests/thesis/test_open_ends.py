@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from scan2fea.pipeline.requires import conditions
 from scan2fea.thesis import ThesisOptions
 from scan2fea.thesis.bench import Bench
 from scan2fea.thesis.conclusion import theory, true_member
@@ -45,6 +46,11 @@ def test_a_clean_dense_specimen_converts_and_a_noisy_one_says_why(bench):
     solid = specimen(bench, 0.04)
     assert free_trial(solid, 3e-3, 0.0, (), 0) == ""
     assert free_trial(solid, 3e-3, 6e-3, (), 0) != ""
+
+
+def test_the_shipped_conditions_convert(bench):
+    limit = conditions()
+    assert free_trial(specimen(bench, FREE_M), limit["spacing_walls"] * WALL_M, limit["noise_walls"] * WALL_M, (), 0) == ""
 
 
 def test_a_wall_wider_than_the_ball_stays_and_a_thinner_one_closes(bench):

@@ -9,6 +9,7 @@ import numpy as np
 
 from scan2fea.io import InputOptions, read_scan
 from scan2fea.kernel.noise import noise_sigma, spacing
+from scan2fea.pipeline.requires import thinnest_wall
 
 
 def execute(given: argparse.Namespace) -> int:
@@ -30,6 +31,8 @@ def execute(given: argparse.Namespace) -> int:
     if len(points) > 1 and np.any(high > low):
         rows["spacing"] = f"{1e3 * spacing(points):.3g} mm (median to the 6 nearest)"
         sigma = noise_sigma(points)
+        wall = 1e3 * thinnest_wall(spacing(points), sigma)
+        rows["walls"] = f"below {wall:.3g} mm will not convert as free form, as far as spacing and noise of the whole file tell; members may"
         rows["noise"] = f"{1e3 * sigma:.3g} mm (standard deviation across the surface, estimated)" if np.isfinite(sigma) else "not estimable"
     if raw.voxel_edge_m is not None:
         rows["thinned"] = f"to one point per cell of {1e3 * raw.voxel_edge_m:.3g} mm, to keep within the memory allowed"

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
+from importlib import resources
 
 from scan2fea.kernel.noise import spacing
 from scan2fea.options import option
@@ -30,6 +34,20 @@ def noise_checks(sigma_m: float, options: RequireOptions) -> list[Check]:
     if options.noise_m is None:
         return []
     return [_check("require.noise", sigma_m, options.noise_m, "the noise of the points is", "", "use a more accurate scanner, or average scans")]
+
+
+@cache
+def conditions() -> Mapping[str, float]:
+    """Largest spacing and noise of the free form, in walls (conditions.toml)."""
+    text = resources.files("scan2fea.pipeline").joinpath("conditions.toml").read_text(encoding="utf-8")
+    return {name: float(value) for name, value in tomllib.loads(text)["free_form"].items()}
+
+
+def thinnest_wall(spacing_m: float, sigma_m: float) -> float:
+    """m, that points so far apart and so noisy (nan: not known) let the free form convert."""
+    limit = conditions()
+    by_noise = sigma_m / limit["noise_walls"] if sigma_m == sigma_m else 0.0
+    return max(spacing_m / limit["spacing_walls"], by_noise)
 
 
 def _check(name: str, value: float, limit: float, what: str, after: str, do: str) -> Check:

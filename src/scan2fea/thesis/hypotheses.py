@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -55,7 +56,7 @@ def isolation(bench: Bench) -> Made:
     rows: list[tuple[Cell, ...]] = []
     for noise_mm in (0.0, 6.7, 20.0) if bench.options.quick else (0.0, 2.0, 4.0, 6.7, 10.0, 15.0, 20.0):
         scan = lab_scan(bench, noise_mm * 1e-3)
-        overlap = bench.kept("isolation", lambda scan=scan: _isolated(scan), noise_mm)
+        overlap = bench.kept("isolation", partial(_isolated, scan), noise_mm)
         rows.append((noise_mm, *overlap))
     head = ("noise, mm", "overlap (IoU), radius 0.5 in as the thesis", "overlap (IoU), radius from the data")
     says = (

@@ -75,9 +75,9 @@ def quality_table(name: str, case: str) -> Callable[[Bench], Made]:
             reason = found.reason or (done.done if done.done.startswith("not done") and printed.stage == "optimised" else "")
             rows.append(_measured_row(bench, case, printed.mesh, printed.stage, SAME, found, before, reason))
             says += _why(bench, case, printed, found, reason)
-            if printed.stage == "optimised":
+            if printed.stage == "optimised" and (printed.mesh == "AF" or not bench.options.quick):
                 rows.append(_held_row(bench, case, printed.mesh))
-        rows.append(_best_row(bench, case))
+        rows += [_best_row(bench, name) for name in ((case, "known") if case == "noise" else (case,))]
         return Made(table=Table(head=HEAD, rows=tuple(rows)), says=(*dict.fromkeys(says), *_quick(bench, case)))
 
     return make
@@ -114,7 +114,7 @@ def _best_row(bench: Bench, case: str) -> tuple[Cell, ...]:
         found: Best = best(bench, case)
     except Scan2FeaError as error:
         return ("pipeline", "", BEST, *[None] * (len(HEAD) - 5), False, str(error))
-    route = str((found.row.get("route")) or "")
+    route = str((found.row.get("route")) or "") + (", section known" if case == "known" else "")
     if found.surface is None:
         return ("pipeline", route, BEST, *[None] * (len(HEAD) - 5), found.converted, found.reason)
     m = bench.kept(f"measured best {case}", lambda: measured(_required(found.surface)))
@@ -139,6 +139,8 @@ def _why(bench: Bench, case: str, p: Printed, m: Measured, reason: str) -> Itera
         radius, wall = smoothing_radius(beam_points(bench, case)), stated("beam_thickness_m")
         if radius > wall:
             yield f"{label}: the ball of smoothing ({1e3 * radius:.1f} mm) holds points of both faces of the wall ({1e3 * wall:.2f} mm)."
+        if p.converts is False and not reason:
+            yield f"{label}: its vertices are taken back to where they were measured (Algorithm 2): no thickness is lost; see table 3.2."
     ratio = max((a / b for a, b in zip(p.measures(), m.q, strict=False) if b > 0), default=0.0)
     if ratio > 10 or min(m.q[:4]) <= 0:
         yield (

@@ -75,6 +75,7 @@ def clusterings(case: str) -> Callable[[Bench], Made]:
             pictures.append((f"{name}: beam {100 * float(score.iou[own]):.0f} %", labelled_picture(found.points, labels, 560)))
         head = ("method", "clusters", "adjusted Rand index", "mean overlap (IoU)", "overlap of the beam (IoU)")
         says = [f"{stated('clusters'):.0f} clusters asked for, Euclidean with a radius of {1e3 * RADIUS_M:.1f} mm."]
+        says.append("Agglomerative is single linkage, cut at the right number: what Euclidean is without its radius. The thesis names no linkage.")
         if case == "noise":
             says.append("The radius stays 0.5 in; the thesis prints 0.5 cm here, and 'the same parameters'.")
         return Made(picture=tiles(pictures, 2), table=Table(head=head, rows=tuple(rows)), says=tuple(says))
@@ -161,7 +162,6 @@ def joined(bench: Bench) -> Made:
     says = (
         f"{len(scans)} simulated sweeps, poses known: {len(points):,} points, {len(beam):,} on the beam (thesis: {stated('frames_joined'):.0f} "
         "frames, joined without poses).",
-        "What joining without poses costs is told with section 4.4.",
     )
     return Made(picture=tiles([("coloured by object", labelled_picture(points, truth - 1, _WIDE))], 1), says=says)
 
@@ -174,5 +174,8 @@ def hdl_clusters(bench: Bench) -> Made:
     colours = categories(np.where(found.labels == found.beam, 0, -1))
     colours[found.labels != found.beam] = BACKDROP
     share = float(score.iou[own[0]]) if len(own) else 0.0
-    says = f"{int((found.labels == found.beam).sum()):,} points in the cluster of the beam, overlap with the beam (IoU) {share:.3f}."
+    says = (
+        f"{int((found.labels == found.beam).sum()):,} points in the cluster of the beam, overlap with the beam (IoU) {share:.3f}. "
+        f"The radius comes from the data: that of 0.5 in ({1e3 * RADIUS_M:.1f} mm) is below the spacing of {1e3 * found.spacing_m:.1f} mm."
+    )
     return Made(picture=tiles([("the beam's cluster", cloud_picture(found.points, colours, width=_WIDE))], 1), says=(says,))

@@ -30,7 +30,7 @@ $(VENV)/.installed: pyproject.toml requirements.lock system.sh
 	$(PYTHON) -m venv $(VENV)
 	$(RUN) -m pip install --quiet -r requirements.lock
 	$(RUN) -m pip install --quiet --no-deps -e .
-	@echo "compiling the kernels once (about a minute)"
+	@echo "compiling the kernels once (two to four minutes)"
 	$(RUN) -m scan2fea.pipeline.warm
 	touch $@
 

@@ -1,6 +1,6 @@
 """`python -m scan2fea.pipeline.warm`: runs small objects through everything, so that all kernels are compiled (numba keeps them on disk).
 
-Not needed for anything but speed: without it the first run takes about a minute longer.
+Not needed for anything but speed: without it the first run takes minutes longer.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import numpy as np
 
 from scan2fea.io import RawScan
 from scan2fea.kernel.trajectories import between
-from scan2fea.registration import RegistrationOptions, Sweeps, at_times, moved, odometry
+from scan2fea.registration import Odometry, RegistrationOptions, Sweeps, at_times, moved, odometry
 from scan2fea.types import FloatArray, IntArray, Rays, Scan, Trajectory, Value
 
 HOUR_S = 3600.0  # the clock of a Velodyne unit begins again
@@ -55,8 +55,7 @@ def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Traj
     sweeps = Sweeps(points=raw.scan.cloud.points[order], sweep=_packed(sweep[order]), share=(at - sweep)[order], period_s=period)
     found = odometry(sweeps, _range_noise(rays, raw.scan.cloud.ray, time))
     if not found.is_sure:
-        says = f"its motion could not be found (forwards and backwards in time differ by {found.disagreement_m:.2g} m): give it with --poses"
-        return replace(raw, notes=(*raw.notes, says)), None
+        return replace(raw, notes=(*raw.notes, f"{_why_not(found)}: it stays as it lies; give its motion with --poses")), None
     if found.stands:
         reach = float(np.linalg.norm(found.T_world_knot[:, :3, 3], axis=1).max())
         says = f"its scanner stood still: {len(sweeps)} sweeps were taken for one (they move by at most {reach:.2g} m, which is no more than chance)"
@@ -69,6 +68,16 @@ def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Traj
         f"{float(found.std_m[-1]):.2g} m and {np.degrees(float(found.std_rad[-1])):.2g} degrees against its first"
     )
     return _moved(raw, path, sweep, at - sweep, says), path
+
+
+def _why_not(found: Odometry) -> str:
+    """One sentence with the figure that forbids to believe a motion."""
+    if found.is_stuck:
+        return f"its motion could not be found: none is seen, yet {found.changed:.0%} of the beams end elsewhere than at first"
+    if found.is_open:
+        x, y, z = found.slide.tolist()
+        return f"its motion could not be found: what it saw leaves it free to slide by {found.slide_m:.2g} m along ({x:.2f}, {y:.2f}, {z:.2f})"
+    return f"its motion could not be found: forwards and backwards in time differ by {found.disagreement_m:.2g} m"
 
 
 def _moved(raw: RawScan, path: SweepPath, first: IntArray, share: FloatArray, says: str) -> RawScan:

@@ -114,8 +114,8 @@ def robust_scale(residual: FloatArray) -> float:
     return float(_MAD * np.median(np.abs(residual)))
 
 
-def tukey(residual: FloatArray, scale: float) -> FloatArray:
-    """Weights of Tukey's biweight: 0 beyond 4.685 standard deviations."""
+def tukey(residual: FloatArray, scale: float | FloatArray) -> FloatArray:
+    """Weights of Tukey's biweight: 0 beyond 4.685 standard deviations, one for all or one each."""
     u = np.clip(residual / (_TUKEY * scale), -1.0, 1.0)
     return np.asarray((1.0 - u * u) ** 2)
 

@@ -1,7 +1,8 @@
-"""Many sweeps of one moving sensor, without poses: each against the map of those before it, then all at once against the planes of the whole.
+"""Many sweeps of one moving sensor, without poses: each against the map of those before it, then all at once against the surfaces of the whole.
 
-The sensor moves evenly within a sweep; from sweep to sweep its speed changes by what a carrier can do (`ACCELERATION`, `TURNING`), which holds it
-where the scene does not. In the end the poses are kept whose map is sharpest: the mean entropy of its neighbourhoods (Droeschel, Behnke 2014).
+The sensor moves evenly within a sweep; from sweep to sweep its speed changes by what a carrier can do (`ACCELERATION`, `TURNING`) at most, and by
+what the sweeps themselves tell (`joint`). A motion too small to be seen from one sweep to the next is lost in the pattern of the rings, which travels
+with the sensor: sweeps are then taken several apart, until what they measure has changed.
 """
 
 from __future__ import annotations
@@ -10,19 +11,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from scan2fea.kernel.noise import sampled_rows
+from scan2fea.errors import InternalError
 from scan2fea.kernel.normals import pca_normals
+from scan2fea.kernel.trajectories import between
 from scan2fea.kernel.transforms import applied, inverse, rigid
 from scan2fea.kernel.voxels import voxel_mean
 from scan2fea.registration.icp import orthonormal, robust_scale, tukey
-from scan2fea.registration.joint import JointResult, joint
-from scan2fea.registration.motion import deskewed, moved
+from scan2fea.registration.joint import joint
+from scan2fea.registration.motion import deskewed
 from scan2fea.types import FloatArray, IntArray, Value
 
 ACCELERATION, TURNING = 3.0, 4.0  # m/s2 and rad/s2: standard deviations of what carriers on wheels, sledges and in hands do
@@ -30,13 +31,20 @@ POINTS = 3_000  # of a sweep that are matched
 SIGMAS = 3.0
 STANDS = 3.0
 AGREE = 0.1
+VISIBLE = 0.04  # of the beams must have changed from one step to the next, or the motion is not seen; by less of them a scanner stands
+OPEN_EDGES = 1.0  # a slide that the surfaces hold no better than this is open
 MAP_SWEEPS = 30
 REACH_EDGES = 5.0
 NORMAL_NEIGHBOURS = 20
 DEPENDENT = 5.0  # points of a sweep go together in their errors: so many count as one
-_ITERATIONS, _FIRST_ROUNDS, _ROUNDS = 30, 4, 2
-_JOINT_ROUNDS, _NO_BETTER = 12, 3
-_ENTROPY_POINTS, _ENTROPY_EDGES, _LEAST_NEAR = 6_000, 2.0, 8
+LEAST_STEPS = 6
+_STRIDES = (1, 2, 3, 4, 6, 8, 12, 16)
+_LONGEST_STEP_S = 0.5
+_LEAST_SIGMA_EDGES = 0.01
+_HELD = 0.5  # of a carrier's freedom: a sweep that is added is held no tighter than this, however evenly the sensor moved before
+_ITERATIONS, _FIRST_ROUNDS = 30, 4
+_EVERY, _WIDER = 5, (1.5, 1.2, 1.0)  # sweeps after which the last are adjusted together; how much wider planes may grow in each round of it
+_SETTLING, _ROUNDS = 1, 4  # of all sweeps: the planes are grown anew in each, and the poses of the last rounds are averaged
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -57,49 +65,168 @@ class Sweeps(Value):
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Odometry(Value):
     """T_world_knot : (k + 1, 4, 4) the sensor at the start of each sweep and at the end of the last; the world is its frame at the first.
-    std_m, std_rad : (k + 1,) relative to the first.   entropy : of the map.   disagreement_m : of the ways found forwards and backwards in time, at
-    the pose where it is largest.
+    std_m, std_rad : (k + 1,) relative to the first.   disagreement_m : of the ways found forwards and backwards in time, at the pose where it is
+    largest.   changed : share of the beams whose range is not that of the first sweep in the last one, beyond noise and beyond what changes from one
+    sweep to the next.   slide_m, slide : how well the surfaces alone hold a drift, and the direction (3,) in which they do so least; `open_m` is
+    what they must hold.   stride : sweeps from one step of the search to the next.   used : share of points on surfaces.
     """
 
     T_world_knot: FloatArray
     std_m: FloatArray
     std_rad: FloatArray
-    entropy: float
     disagreement_m: float
+    changed: float
+    slide_m: float
+    slide: FloatArray
+    open_m: float
+    stride: int
+    used: float
+
+    @property
+    def is_open(self) -> bool:
+        """True where the surfaces leave a direction in which the sensor may have slid."""
+        return self.slide_m > self.open_m
 
     @property
     def is_sure(self) -> bool:
-        """True where both ways are one: they differ by no more than a tenth of the way, or by what chance makes of it."""
+        """True where both ways are one (they differ by no more than a tenth of the way, or by what chance makes of it) and no direction is open."""
         way = float(np.linalg.norm(np.diff(self.T_world_knot[:, :3, 3], axis=0), axis=1).sum())
         chance = math.sqrt(max(float(np.nanmax(self.std_m)) ** 2 - 0.5 * self.disagreement_m**2, 0.0))
-        return self.disagreement_m <= max(AGREE * way, STANDS * chance)
+        return self.disagreement_m <= max(AGREE * way, STANDS * chance) and not self.is_open and not self.is_stuck
+
+    @property
+    def is_stuck(self) -> bool:
+        """True where no motion was found although the ranges changed: it is hidden from the search, not absent."""
+        return self._seems_still and self.changed > VISIBLE
 
     @property
     def stands(self) -> bool:
-        """True where no pose is farther from the first than three standard deviations: a sensor that does not move explains the sweeps."""
+        """True where no pose is farther from the first than three standard deviations, and the beams say so too: their ranges have not changed."""
+        return self._seems_still and self.changed <= VISIBLE
+
+    @property
+    def _seems_still(self) -> bool:
         shift = np.linalg.norm(self.T_world_knot[:, :3, 3], axis=1)
         turn = np.linalg.norm(Rotation.from_matrix(self.T_world_knot[:, :3, :3]).as_rotvec(), axis=1)
-        return bool((shift <= STANDS * self.std_m).all() and (turn <= STANDS * self.std_rad).all())
+        return bool((shift[1:] <= STANDS * self.std_m[1:]).all() and (turn[1:] <= STANDS * self.std_rad[1:]).all())
 
 
 def odometry(sweeps: Sweeps, sigma_m: float) -> Odometry:
-    """The way of the sensor, found forwards and again backwards in time; the sharper map is kept. sigma_m : noise of a range.
+    """The way of the sensor, found forwards and again backwards in time. sigma_m : noise of a range.
 
     What the two differ by at a pose is not chance alone: it is added to its standard deviation. Whether they are one way at all is `disagreement_m`.
     """
-    forward, back = _one_way(sweeps, sigma_m), _one_way(_reversed(sweeps), sigma_m)
-    T = inverse(back.T_world_knot[-1]) @ back.T_world_knot[::-1]
-    apart = inverse_all(forward.T_world_knot) @ T
-    off_m = np.linalg.norm(apart[:, :3, 3], axis=1)
-    off_rad = np.linalg.norm(Rotation.from_matrix(apart[:, :3, :3]).as_rotvec(), axis=1)
-    sharper = forward.T_world_knot if forward.entropy <= back.entropy else T
+    few = _thinned(sweeps, sigma_m)
+    sigma = max(sigma_m, _LEAST_SIGMA_EDGES * few.edge_m)
+    changed = _step_change(sweeps, max(len(sweeps) - 3, 1), sigma) - _step_change(sweeps, 1, sigma)
+    back = _reversed(few.sweeps)
+    stride, starts = _begun(sweeps, few.sweeps, back, few.edge_m, sigma, changed)
+    there, again = _adjusted(few.sweeps, starts[0], few.edge_m, sigma), _adjusted(back, starts[1], few.edge_m, sigma)
+    off = _apart(there.T_world_knot, _turned(again.T_world_knot))
+    rounds = np.concatenate([there.rounds, [_turned(T) for T in again.rounds]])
+    # of one way: the two begin at other sweeps, and what they differ by is told apart
+    scatter = np.sqrt(np.mean([_apart(there.T_world_knot, each) ** 2 for each in there.rounds], axis=0))
+    std = np.sqrt(there.std**2 + scatter**2 + 0.5 * off**2)
     return Odometry(
-        T_world_knot=np.array([orthonormal(pose) for pose in sharper]),
-        std_m=np.hypot(forward.std_m, off_m / math.sqrt(2.0)),
-        std_rad=np.hypot(forward.std_rad, off_rad / math.sqrt(2.0)),
-        entropy=min(forward.entropy, back.entropy),
-        disagreement_m=float(off_m.max()),
+        T_world_knot=_mean(rounds),
+        std_m=std[:, 1],
+        std_rad=std[:, 0],
+        disagreement_m=float(off[:, 1].max()),
+        changed=changed,
+        slide_m=there.slide_m,
+        slide=there.slide,
+        open_m=OPEN_EDGES * few.edge_m,
+        stride=stride,
+        used=there.used,
     )
+
+
+def _turned(T_world_knot: FloatArray) -> FloatArray:
+    """A way found backwards in time, forwards and in the frame of its first knot."""
+    turned: FloatArray = inverse(T_world_knot[-1]) @ T_world_knot[::-1]
+    return turned
+
+
+def _begun(
+    sweeps: Sweeps, few: Sweeps, back: Sweeps, edge: float, sigma_m: float, changed: float
+) -> tuple[int, tuple[FloatArray, FloatArray]]:
+    """Sweeps per step of the search, and the ways it found forwards and backwards: of the fewest sweeps with which both are one way.
+
+    A way that stands still although the ranges changed is none. Where no two agree, those that differ least.
+    """
+    best: tuple[float, int, tuple[FloatArray, FloatArray]] | None = None
+    for stride in _strides(sweeps, sigma_m):
+        there, again = (_each(_in_turn(_strided(each, stride), edge, sigma_m), stride, len(each)) for each in (few, back))
+        off = float(_apart(there, _turned(again))[:, 1].max())
+        way = max(float(np.linalg.norm(T[:, :3, 3], axis=1).max()) for T in (there, again))
+        stuck = changed > VISIBLE and way < SIGMAS * sigma_m
+        if best is None or (not stuck and off < best[0]):
+            best = (math.inf if stuck else off, stride, (there, again))
+        if not stuck and off <= max(AGREE * way, SIGMAS * sigma_m):
+            break
+    if best is None:
+        raise InternalError("a search of no strides")
+    return best[1:]
+
+
+def _apart(T_a: FloatArray, T_b: FloatArray) -> FloatArray:
+    """(k, 2) rad and m between poses."""
+    apart = np.array([inverse(a) @ b for a, b in zip(T_a, T_b, strict=True)])
+    turn = np.linalg.norm(Rotation.from_matrix(apart[:, :3, :3]).as_rotvec(), axis=1)
+    return np.stack([turn, np.linalg.norm(apart[:, :3, 3], axis=1)], axis=1)
+
+
+def _mean(rounds: FloatArray) -> FloatArray:
+    """(k, 4, 4) mean poses of (r, k, 4, 4)."""
+    R = [Rotation.from_matrix(rounds[:, k, :3, :3]).mean().as_matrix() for k in range(rounds.shape[1])]
+    return np.array([rigid(turn, shift) for turn, shift in zip(R, rounds[:, :, :3, 3].mean(axis=0), strict=True)])
+
+
+# ------------------------------------------------------------------ is there a motion to be seen
+
+
+def _strides(sweeps: Sweeps, sigma_m: float) -> list[int]:
+    """Sweeps from one step of the search to the next: the least over which the motion is seen, and more, within half a second."""
+    most = max(1, min(len(sweeps) // LEAST_STEPS, round(_LONGEST_STEP_S / sweeps.period_s)))
+    strides = [m for m in _STRIDES if m <= most]
+    return [m for m in strides if _step_change(sweeps, m, sigma_m) > VISIBLE] or strides[-1:]
+
+
+def _step_change(sweeps: Sweeps, step: int, sigma_m: float) -> float:
+    """Median share of beams that change over a step, of a few steps along the way."""
+    last = len(sweeps) - 1 - step
+    begin = np.unique(np.linspace(min(1, last), max(last - 1, 0), 5).astype(int)).tolist() if last >= 0 else []
+    return float(np.median([_changed(sweeps, a, a + step, sigma_m) for a in begin])) if begin else 0.0
+
+
+def _changed(sweeps: Sweeps, a: int, b: int, sigma_m: float) -> float:
+    """Share of the returns of sweep b for which sweep a has none in the same direction, or one whose range differs by three deviations of chance."""
+    bounds = np.searchsorted(sweeps.sweep, [a, a + 1, b, b + 1])
+    one, two = sweeps.points[bounds[0] : bounds[1]], sweeps.points[bounds[2] : bounds[3]]
+    if len(one) < 2 or len(two) < 1:
+        return 0.0
+    far, near = np.linalg.norm(one, axis=1), np.linalg.norm(two, axis=1)
+    tree = cKDTree(one / far[:, None])
+    beside = float(np.median(np.asarray(tree.query(one / far[:, None], k=[2], workers=1)[0])))
+    angle, row = tree.query(two / near[:, None], k=1, workers=1)
+    differs = np.abs(near - far[np.asarray(row)]) > SIGMAS * math.sqrt(2.0) * sigma_m
+    return float((differs | (np.asarray(angle) > beside)).mean())
+
+
+def _strided(sweeps: Sweeps, m: int) -> Sweeps:
+    """Every m-th sweep, with steps of m sweeps."""
+    if m == 1:
+        return sweeps
+    kept = sweeps.sweep % m == 0
+    return Sweeps(points=sweeps.points[kept], sweep=sweeps.sweep[kept] // m, share=sweeps.share[kept] / m, period_s=sweeps.period_s * m)
+
+
+def _each(T: FloatArray, m: int, n: int) -> FloatArray:
+    """Poses (n + 1, 4, 4) of all sweeps from those of steps of m sweeps, evenly between them."""
+    at = np.arange(n + 1) / m
+    first = np.minimum(at.astype(np.int64), len(T) - 2)
+    R, x = between(T, first, at - first)
+    return np.array([rigid(turn, shift) for turn, shift in zip(R, x, strict=True)])
 
 
 def _reversed(sweeps: Sweeps) -> Sweeps:
@@ -107,31 +234,28 @@ def _reversed(sweeps: Sweeps) -> Sweeps:
     return Sweeps(points=sweeps.points[order], sweep=len(sweeps) - 1 - sweeps.sweep[order], share=1.0 - sweeps.share[order], period_s=sweeps.period_s)
 
 
-def inverse_all(T: FloatArray) -> FloatArray:
-    """Of rigid motions (k, 4, 4)."""
-    return np.array([inverse(pose) for pose in T])
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Way(Value):
+    """T_world_knot : mean of `rounds` (r, k + 1, 4, 4).   std : (k + 1, 2) rad and m."""
+
+    T_world_knot: FloatArray
+    rounds: FloatArray
+    std: FloatArray
+    slide_m: float
+    slide: FloatArray
+    used: float
 
 
-def _one_way(sweeps: Sweeps, sigma_m: float) -> Odometry:
-    few = _thinned(sweeps, sigma_m)
-    edge = few.edge_m
-    T = _in_turn(few.sweeps, edge, sigma_m)
-    best, entropy = T, _entropy(few.sweeps, T, edge)
-    result: JointResult | None = None
-    since = 0
-    for round_ in range(_JOINT_ROUNDS):
-        spread = max(1.0, 2.0 * 0.9**round_) * sigma_m
-        found = joint(few.sweeps.points, few.sweeps.sweep, few.sweeps.share, T, edge, spread, sigma_m, _freedom(sweeps.period_s))
-        T, own = found.T_world_knot, _entropy(few.sweeps, found.T_world_knot, edge)
-        since += 1
-        if own < entropy:
-            best, entropy, result, since = T, own, found, 0
-        elif result is None:
-            result = found
-        if since == _NO_BETTER:
-            break
-    std = result.std if result is not None else np.full((len(T), 2), np.nan)
-    return Odometry(T_world_knot=best, std_m=std[:, 1], std_rad=std[:, 0], entropy=entropy, disagreement_m=0.0)
+def _adjusted(sweeps: Sweeps, T: FloatArray, edge: float, sigma_m: float) -> _Way:
+    """All knots at once, a few times over."""
+    most = _freedom(sweeps.period_s)
+    freedom, rounds = most, []
+    for _ in range(_SETTLING + _ROUNDS):
+        found = joint(sweeps.points, sweeps.sweep, sweeps.share, T, edge, sigma_m, sigma_m, freedom, most=most)
+        T, freedom = found.T_world_knot, found.freedom
+        rounds.append(T)
+    kept = np.array(rounds[_SETTLING:])
+    return _Way(T_world_knot=_mean(kept), rounds=kept, std=found.std, slide_m=found.slide_m, slide=found.slide, used=found.used)
 
 
 def _freedom(period_s: float) -> tuple[float, float]:
@@ -167,28 +291,49 @@ def _thinned(sweeps: Sweeps, sigma_m: float) -> _Few:
 
 
 def _in_turn(sweeps: Sweeps, edge: float, sigma_m: float) -> FloatArray:
-    """(k + 1, 4, 4) knots: each sweep against the map of the sweeps before it, begun where an even motion would bring it."""
-    bounds = np.searchsorted(sweeps.sweep, np.arange(len(sweeps) + 1))
-    parts = [(sweeps.points[a:b], sweeps.share[a:b]) for a, b in pairwise(bounds.tolist())]
-    T, step = [np.eye(4)], np.eye(4)
-    steps = [step]
-    for k in range(1, len(parts)):
-        predicted = T[-1] @ step
-        found = predicted
-        world: _Map | None = None
-        for _ in range(_FIRST_ROUNDS if k < 3 else _ROUNDS):
-            if world is None or k == 1:
-                steps[0] = step if k == 1 else steps[0]
-                world = _Map([applied(T[j], deskewed(*parts[j], steps[j])) for j in range(max(0, k - MAP_SWEEPS), k)], edge)
-            reach = REACH_EDGES * edge
-            source = deskewed(*parts[k], step)
-            found = _matched(source, world, found, reach, sigma_m, None if k == 1 else (predicted, *_freedom(sweeps.period_s)))
-            step = inverse(T[-1]) @ found
-        if k == 1:
-            steps[0] = step
-        T.append(found)
-        steps.append(step)
-    return np.array([*T, T[-1] @ step])
+    """(k + 1, 4, 4) knots: each sweep against the map of those before it, begun where an even motion would bring it; every few sweeps the last ones
+    are adjusted together.
+    """
+    bounds = np.searchsorted(sweeps.sweep, np.arange(len(sweeps) + 1)).tolist()
+    parts = [(sweeps.points[a:b], sweeps.share[a:b]) for a, b in pairwise(bounds)]
+    most = _freedom(sweeps.period_s)
+    T, freedom = [np.eye(4), np.eye(4)], most  # the end of the last sweep is the last
+    for k in range(1, len(parts) + 1):
+        if k < len(parts):
+            held = None if k == 1 else (max(freedom[0], _HELD * most[0]), max(freedom[1], _HELD * most[1]))
+            T = _added(parts, T, edge, sigma_m, held)
+        if k >= _EVERY and (k % _EVERY == 0 or k == len(parts)):
+            low = max(0, k - MAP_SWEEPS)
+            rows = slice(bounds[low], bounds[k])
+            knots, own = np.array(T[low : k + 1]), most
+            for wider in _WIDER:
+                found = joint(
+                    sweeps.points[rows], sweeps.sweep[rows] - low, sweeps.share[rows], knots, edge, wider * sigma_m, sigma_m, own, most=most
+                )
+                knots, own = found.T_world_knot, found.freedom
+            T[low : k + 1], freedom = list(knots), own
+            if k < len(parts):
+                T[k + 1] = T[k] @ inverse(T[k - 1]) @ T[k]
+    return np.array(T)
+
+
+def _added(
+    parts: Sequence[tuple[FloatArray, FloatArray]], T: list[FloatArray], edge: float, sigma_m: float, held: tuple[float, float] | None
+) -> list[FloatArray]:
+    """Knots with one more: the end of the sweep before is where it begins against the map, its own end where the motion goes on evenly."""
+    k = len(T) - 1
+    predicted = T[k]
+    found, step = predicted, inverse(T[k - 1]) @ predicted
+    low = max(0, k - MAP_SWEEPS)
+    world: _Map | None = None
+    for _ in range(_FIRST_ROUNDS if k < 3 else 1):
+        if world is None or k == 1:  # the first sweep is not known to move before the second is placed
+            steps = [*(inverse(a) @ b for a, b in pairwise(T[low:k])), step]
+            world = _Map([applied(T[low + i], deskewed(*parts[low + i], steps[i])) for i in range(k - low)], edge)
+        prior = None if held is None else (predicted, *held)
+        found = _matched(deskewed(*parts[k], step), world, found, REACH_EDGES * edge, sigma_m, prior)
+        step = inverse(T[k - 1]) @ found
+    return [*T[:k], found, found @ step]
 
 
 class _Map:
@@ -229,21 +374,3 @@ def _matched(
         if float(np.abs(x).max()) < 1e-5:
             break
     return T
-
-
-# ------------------------------------------------------------------ how sharp a map is
-
-
-def _entropy(sweeps: Sweeps, T_world_knot: FloatArray, edge: float) -> float:
-    """Mean differential entropy of the neighbourhoods of the map, nats; a sharper map has less. The same points are asked whatever the poses."""
-    points = moved(sweeps.points, T_world_knot, sweeps.sweep, sweeps.share)
-    rows = sampled_rows(len(points), _ENTROPY_POINTS, 0)
-    tree = cKDTree(points)
-    floor = (1e-3 * edge) ** 2 * np.eye(3)
-    total, n = 0.0, 0
-    hoods: Any = tree.query_ball_point(points[rows], _ENTROPY_EDGES * edge, workers=1)
-    for near in hoods:
-        if len(near) >= _LEAST_NEAR:
-            total += 0.5 * float(np.linalg.slogdet(2 * math.pi * math.e * (np.cov(points[near].T) + floor))[1])
-            n += 1
-    return total / n if n else math.inf

@@ -217,11 +217,13 @@ class Segments(Value):
 
     labels : (n,) int64; -1 is "no object". kinds : kind of label 0, 1, ...: "object", "support" (floor, table top, wall), "clutter".
     how : what the method decided from the data, for the report (radius_m, n_planes, ...).
+    named : what a person calls label 0, 1, ... (I, pipe, floor, ...), "" where nobody did; empty: nobody did of any.
     """
 
     labels: IntArray
     kinds: tuple[str, ...]
     how: Mapping[str, Any]
+    named: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -19,7 +19,7 @@ def parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(prog="scan2fea", description="From raw 3D scans to checked finite element models.", allow_abbrev=False)
     top.add_argument("--version", action="version", version=f"scan2fea {__version__}")
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for add in (_run, _demo, _simulate, _plan, _check, _info, _fit, _register, _segment, _reconstruct, _config, _view):
+    for add in (_run, _demo, _simulate, _plan, _check, _info, _fit, _register, _segment, _train, _reconstruct, _config, _view):
         add(commands)
     return top
 
@@ -91,11 +91,25 @@ def _register(commands: Commands) -> None:
 def _segment(commands: Commands) -> None:
     segment = commands.add_parser("segment", help="scans to one label per point: cloud.ply, labels.csv and a picture", allow_abbrev=False)
     _add_scans(segment)
-    methods = "euclidean (default), kmeans, fuzzy_cmeans, agglomerative, divisive, given, single [segmentation.method]"
+    methods = "euclidean (default), kmeans, fuzzy_cmeans, agglomerative, divisive, learned, primitives, given, single [segmentation.method]"
     segment.add_argument("--method", metavar="M", help=methods)
     _add_poses(segment)
     segment.add_argument("--labels", metavar="COLUMN", help="true labels of the file (name or number), to compare with [input.labels]")
     _add_options(segment)
+
+
+def _train(commands: Commands) -> None:
+    train = commands.add_parser("train", help="teach the learned segmentation: on simulated scenes, or on labelled files", allow_abbrev=False)
+    train.add_argument("inputs", nargs="*", metavar="LABELLED", help="files with a class per point; without any: simulated rooms")
+    train.add_argument("-o", "--out", required=True, metavar="WEIGHTS.npz", help="weights (segmentation.weights); figures go beside them as .json")
+    train.add_argument("--labels", metavar="COLUMN", help="column of the classes (name or number) [input.labels]")
+    train.add_argument("--names", metavar="A,B,...", help="names of the classes, in the order of their labels; floor, wall, clutter are no objects")
+    train.add_argument("--unit", help="unit of the files where their format states none [input.unit]")
+    train.add_argument("--objects", type=int, default=170, metavar="N", help="simulated objects of each kind (170); 0: keep the network of --base")
+    train.add_argument("--rooms", type=int, default=15, metavar="N", help="simulated rooms (15) where no file is given; 0: keep the forest of --base")
+    train.add_argument("--epochs", type=int, default=8, metavar="N", help="passes of the network over its objects (8)")
+    train.add_argument("--base", default="", metavar="FILE", help="weights to keep a part of; default: the shipped ones")
+    _add_options(train)
 
 
 def _reconstruct(commands: Commands) -> None:

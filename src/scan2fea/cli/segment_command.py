@@ -36,4 +36,5 @@ def execute(given: argparse.Namespace) -> int:
 
 def _line(row: dict[str, Any]) -> str:
     size = " x ".join(f"{length:.3g}" for length in row["size_m"])
-    return f"  {row['label']:>3}  {row['kind']:<8} {row['n_points']:>9,} points, {size} m; {row['why']}"
+    sure = "" if row["confidence"] is None else f" {row['confidence']:.0%}"
+    return f"  {row['label']:>3}  {row['role']:<8} {row['kind'] + sure:<14} {row['n_points']:>9,} points, {size} m; {row['why']}"

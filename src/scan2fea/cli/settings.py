@@ -41,7 +41,7 @@ def config_of(given: argparse.Namespace, **defaults: Any) -> Config:
             settings[key] = tuple(value) if isinstance(value, list) else value
     if getattr(given, "method", None) is not None:
         settings[METHOD_STAGES[given.command]] = given.method
-    if getattr(given, "labels", None) is not None and given.command != "segment":  # there the labels are what is compared with
+    if getattr(given, "labels", None) is not None and given.command not in ("segment", "train"):  # there the labels are what is compared with
         settings["segmentation.method"] = "given"
     return load_config(Path(given.config) if given.config else None, settings)
 

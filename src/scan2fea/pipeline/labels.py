@@ -2,7 +2,8 @@
 
     label,kind,n_points,x_m,y_m,z_m,size_m,merge_into,split_radius_m
 
-`kind`: object (is modelled), support, clutter or drop (are not). `merge_into`: the label to join. `split_radius_m`: cut the label into
+`kind`: object (is modelled), support, clutter or drop (are not); or what it is: I, L, C, T, plate, box, pipe, free form (objects), floor, wall
+(supports). `merge_into`: the label to join. `split_radius_m`: cut the label into
 parts that are farther apart than this.
 """
 
@@ -18,9 +19,11 @@ import numpy as np
 
 from scan2fea.errors import InputError, require
 from scan2fea.kernel.neighbors import radius_components
+from scan2fea.segmentation.kinds import OBJECT_KINDS, SUPPORT_KINDS
 from scan2fea.types import FloatArray, Segments
 
-KINDS = ("object", "support", "clutter", "drop")
+ROLES = ("object", "support", "clutter", "drop")
+KINDS = (*ROLES, *(kind for kind in OBJECT_KINDS if kind not in ROLES), *SUPPORT_KINDS)
 COLUMNS = ("label", "kind", "n_points", "x_m", "y_m", "z_m", "size_m", "merge_into", "split_radius_m")
 
 
@@ -73,13 +76,14 @@ def edited(segments: Segments, points: FloatArray, rows: Sequence[Row]) -> Segme
     Raises InputError for a label that does not exist.
     """
     n = len(segments.kinds)
-    kinds = list(segments.kinds)
+    kinds, named = list(segments.kinds), list(segments.named or ("",) * n)
     labels = segments.labels.copy()
     for row in rows:
         require(0 <= row.label < n, InputError, f"labels.csv: label {row.label} does not exist; there are 0 to {n - 1}")
         target = row.merge_into
         require(target is None or 0 <= target < n, InputError, f"labels.csv: merge_into {target} does not exist; there are 0 to {n - 1}")
-        kinds[row.label] = row.kind
+        kinds[row.label] = row.kind if row.kind in ROLES else "support" if row.kind in SUPPORT_KINDS else "object"
+        named[row.label] = "" if row.kind in ROLES else row.kind
     into = {row.label: row.merge_into for row in rows if row.merge_into is not None}
     for label in into:
         labels[segments.labels == label] = _target(label, into)
@@ -91,10 +95,12 @@ def edited(segments: Segments, points: FloatArray, rows: Sequence[Row]) -> Segme
         for piece in range(1, int(pieces.max()) + 1):
             labels[own[pieces == piece]] = len(kinds)
             kinds.append(kinds[row.label])
+            named.append(named[row.label])
     labels[np.isin(labels, [k for k, kind in enumerate(kinds) if kind == "drop"])] = -1
     used, packed = np.unique(labels[labels >= 0], return_inverse=True)
     labels[labels >= 0] = packed
-    return Segments(labels=labels, kinds=tuple(kinds[k] for k in used), how={**segments.how, "edited": True})
+    how = {**segments.how, "edited": True}
+    return Segments(labels=labels, kinds=tuple(kinds[k] for k in used), how=how, named=tuple(named[k] for k in used))
 
 
 def _target(label: int, into: dict[int, int]) -> int:

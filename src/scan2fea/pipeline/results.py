@@ -27,7 +27,6 @@ from scan2fea.pipeline.frames import registration_row
 from scan2fea.pipeline.member_rows import member_row
 from scan2fea.pipeline.part import Made
 from scan2fea.pipeline.scene import Scene
-from scan2fea.pipeline.segment_rows import segment_rows
 from scan2fea.segmentation import Selection
 from scan2fea.types import Brep, Check, FEModel, FEResult, Member, Segments, TetMesh, TriangleMesh
 from scan2fea.verification.verdict import verdict
@@ -230,8 +229,9 @@ def run_report(
     stages: Sequence[Mapping[str, Any]],
     objects: Sequence[Mapping[str, Any]],
     chosen: Selection,
+    segment_list: Sequence[Mapping[str, Any]],
 ) -> dict[str, Any]:
-    """The whole report.json."""
+    """The whole report.json; segment_list : its segments[]."""
     defaults = known_keys()
     changed = {k: {"value": v, "default": defaults[k]} for k, v in known_keys(config).items() if v != defaults[k]}
     report = {
@@ -245,7 +245,7 @@ def run_report(
         "registration": registration_row(inputs, scene, config.registration.mode),
         "spacing_m": number(scene.spacing_m),
         "segmentation": dict(segments.how),
-        "segments": segment_rows(scene.scan.cloud, segments, chosen),
+        "segments": list(segment_list),
         "stages": list(stages),
         "objects": list(objects),
         "assumptions": assumptions(inputs),

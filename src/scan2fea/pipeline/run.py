@@ -18,12 +18,14 @@ from scan2fea.acquisition import AcquisitionOptions
 from scan2fea.errors import InputError, UsageError, require
 from scan2fea.fea import check_options
 from scan2fea.io import InputOptions, RawScan, read_scan, write_cloud_ply, write_trajectory
+from scan2fea.io.artifacts import fingerprint
 from scan2fea.io.files import existing_file, sha256_of, write_bytes
 from scan2fea.pipeline.acquire import NO_SCALE, WITHOUT_SCALE, Group, acquire, acquired_rows, grouped, raw_of, without_scale
 from scan2fea.pipeline.assigned import assigned, resolved
 from scan2fea.pipeline.chosen import chosen_of
 from scan2fea.pipeline.config import Config, to_toml
 from scan2fea.pipeline.frames import trajectory_of_all
+from scan2fea.pipeline.kinds import kinds_of, n_kinds, names_of, with_kinds
 from scan2fea.pipeline.labels import edited, labels_text, read_rows
 from scan2fea.pipeline.objects import convert_all, parts_of, refuse_all
 from scan2fea.pipeline.outputs import write_assembly, write_members
@@ -31,6 +33,7 @@ from scan2fea.pipeline.record import KEEP, Record, Say, Tracked, key_of
 from scan2fea.pipeline.results import assumed_unit, finite_tree, input_row, run_report
 from scan2fea.pipeline.route import known_section, table_of
 from scan2fea.pipeline.scene import Scene, clean, place_all, segment
+from scan2fea.pipeline.segment_rows import segment_rows
 from scan2fea.types import Segments
 
 MARKS = ("report.json", "config.toml", KEEP)  # what tells a folder of ours from somebody's
@@ -57,20 +60,24 @@ def run(
         scene = record("clean", clean, scene, options=config.filtering, n_in=_n_points(scene.value), count=_n_points)
         found = record("segment", segment, scene, options=config.segmentation, n_in=_n_points(scene.value), count=lambda s: len(s.kinds))
         segments = _edited(out, found, scene.value, resume)
-        chosen = chosen_of(scene.value, segments, config.select)
+        named_by = Tracked(segments, key_of(found.key, fingerprint(segments)))
+        kinds = record("kinds", kinds_of, scene, named_by, options=config.segmentation, count=n_kinds).value
+        chosen = chosen_of(scene.value, segments, config.select, names_of(segments, kinds))
         parts = parts_of(scene.value, segments, chosen, config)
         named = assigned(known, {part.id: part.scan.cloud.points for part in parts}, scene.value.shift_m)
         _write_scene(out, rows, scene.value, segments)
         for text in (*assumed_unit(rows, scene.value), *scene.value.notes, *chosen.notes):
             log({"event": "note", "object": None, "text": text})
         if any(row["unit_source"] == NO_SCALE for row in rows):
-            objects = refuse_all(parts, out, WITHOUT_SCALE, log)
+            made = refuse_all(parts, out, WITHOUT_SCALE, log)
             stages: list[dict[str, Any]] = []
         else:
-            objects, stages = convert_all(parts, out, replace(config, object=named), resume, log)
+            made, stages = convert_all(parts, out, replace(config, object=named), resume, log)
+        objects = with_kinds(made, chosen, kinds)
         write_assembly(out, out / KEEP / "objects", objects)
         frame = write_members(out, out / KEEP / "objects", objects, config)
-        report = run_report(config, command, rows, scene.value, segments, record.stages + stages, objects, chosen)
+        listed = segment_rows(scene.value.scan.cloud, segments, chosen, kinds)
+        report = run_report(config, command, rows, scene.value, segments, record.stages + stages, objects, chosen, listed)
         report |= {} if frame is None else {"frame_model": finite_tree(frame)}
         told = acquired_rows([raw.value for raw in raws])
         report |= {"acquisition": finite_tree(told)} if told else {}

@@ -16,6 +16,7 @@ from scan2fea.io import write_cloud_ply, write_text
 from scan2fea.io.files import write_bytes
 from scan2fea.pipeline.chosen import chosen_of
 from scan2fea.pipeline.config import Config, to_toml
+from scan2fea.pipeline.kinds import kinds_of, names_of
 from scan2fea.pipeline.labels import labels_text
 from scan2fea.pipeline.record import Record
 from scan2fea.pipeline.results import finite_tree
@@ -47,8 +48,10 @@ def segment_files(inputs: Sequence[Path], out: Path, config: Config, picture: Pi
     scene = clean(scene, config.filtering)
     segments = segment(scene, config.segmentation)
     cloud = scene.scan.cloud
-    chosen = chosen_of(scene, segments, config.select)
-    report = dict(finite_tree(_report(rows, scene, segments, chosen, config)))
+    kinds = kinds_of(scene, segments, config.segmentation)
+    chosen = chosen_of(scene, segments, config.select, names_of(segments, kinds))
+    listed = segment_rows(cloud, segments, chosen, kinds)
+    report = dict(finite_tree(_report(rows, scene, segments, chosen, config, listed)))
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -61,7 +64,9 @@ def segment_files(inputs: Sequence[Path], out: Path, config: Config, picture: Pi
     return report
 
 
-def _report(rows: Sequence[Mapping[str, Any]], scene: Scene, segments: Segments, chosen: Selection, config: Config) -> dict[str, Any]:
+def _report(
+    rows: Sequence[Mapping[str, Any]], scene: Scene, segments: Segments, chosen: Selection, config: Config, listed: Sequence[Mapping[str, Any]]
+) -> dict[str, Any]:
     cloud = scene.scan.cloud
     report = {
         "schema": SEGMENT_SCHEMA,
@@ -73,7 +78,7 @@ def _report(rows: Sequence[Mapping[str, Any]], scene: Scene, segments: Segments,
         "n_points": len(cloud),
         "n_unlabelled": int((segments.labels < 0).sum()),
         "segmentation": dict(segments.how),
-        "segments": segment_rows(cloud, segments, chosen),
+        "segments": list(listed),
         "warnings": [*scene.notes, *chosen.notes],
     }
     if cloud.label is not None and (cloud.label >= 0).any() and config.segmentation.method != "given":

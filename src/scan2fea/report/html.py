@@ -9,7 +9,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from scan2fea.errors import UsageError
+from scan2fea.report.charts import swatches
+from scan2fea.report.colours import BACKDROP, categories, css
 from scan2fea.report.figures import scene_figure
 from scan2fea.report.glossary import GLOSSARY
 from scan2fea.report.markup import NOTHING, Html, figure_cell, joined, link, table, tag
@@ -18,6 +22,7 @@ from scan2fea.report.saved import Saved
 from scan2fea.report.schema import read_report
 from scan2fea.report.sections import object_section
 from scan2fea.report.words import (
+    NOT_KNOWN,
     check_name,
     count,
     dimensions,
@@ -38,6 +43,7 @@ PAGE = "report.html"
 PICTURE_PX = 700
 FULL_SIZE_OBJECTS = 20  # above this the pictures shrink, so that the page stays within what a phone opens
 STAGE_ROWS = 60
+SEGMENT_ROWS = 60
 UNIT_SOURCES = {"format": "stated by the file", "option": "given by the user", "assumed": "ASSUMED"}
 # nothing is fetched and nothing runs, whatever a file name holds
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
@@ -128,6 +134,7 @@ def _overview(saved: Saved, clouds: Sequence[PointCloud | None], sizes: Sequence
         overlay = [_pin(objects[k], k, *where) for k, where in pins.items()]
         parts.append(picture(figure, overlay, class_="picture scene"))
     parts.append(_objects(saved, sizes) if objects else tag("p", "There is no object to show."))
+    parts.append(_segments(saved.report))
     return tag("section", *parts, class_="overview")
 
 
@@ -145,7 +152,7 @@ def _objects(saved: Saved, sizes: Sequence[Sequence[float] | None]) -> Html:
         rows.append(
             [
                 tag("a", number_of(item), href=f"#{anchor(place)}"),
-                item.get("kind") or "object",
+                _kind(item, place),
                 badge(item.get("verdict")),
                 item.get("reason") or "no reason given",
                 figure_cell(dimensions(sizes[place]).removesuffix(" mm"), "size, mm"),
@@ -158,6 +165,35 @@ def _objects(saved: Saved, sizes: Sequence[Sequence[float] | None]) -> Html:
             ]
         )
     return table(head, rows, class_="objects")
+
+
+def _kind(item: Mapping[str, Any], place: int) -> Html:
+    """The colour of the object in the picture of the scene, and what it is; how sure that is where it is a guess."""
+    guess = item.get("guess") or {}
+    told = str(item.get("kind") or "object")
+    if not item.get("member") and guess.get("confidence") is not None:
+        told += f" ({percent(guess['confidence'])})"
+    return swatches([(css(categories(np.array([place]))[0]), told, False)])
+
+
+def _segments(report: Mapping[str, Any]) -> Html:
+    """What the scene fell into, in the colours of its picture, and why each part is modelled or is not."""
+    rows = []
+    listed = report.get("segments") or []
+    for row in listed[:SEGMENT_ROWS]:
+        number_of_object = row.get("object")
+        colour = css(BACKDROP if number_of_object is None else categories(np.array([int(number_of_object) - 1]))[0])
+        sure = percent(row["confidence"]) if row.get("confidence") is not None else "given" if row.get("source") == "user" else ""
+        size = dimensions(sorted(row.get("size_m") or [], reverse=True)).removesuffix(" mm")
+        kind = swatches([(colour, str(row.get("kind") or NOT_KNOWN), False)])
+        figures = (figure_cell(sure, "sure"), figure_cell(size, "box, mm"), figure_cell(count(row.get("n_points")), "points"))
+        rows.append([figure_cell(row.get("label"), "label"), kind, *figures, row.get("why") or NOT_KNOWN])
+    if not rows:
+        return NOTHING
+    more = tag("p", f"and {len(listed) - SEGMENT_ROWS} more, see report.json") if len(listed) > SEGMENT_ROWS else NOTHING
+    told = tag("p", "The kind is a guess from the points, with its probability; it decides nothing. labels.csv can be edited and the run resumed.")
+    head = ("label", "kind", "sure", "box, mm", "points", "why it is modelled, or is not")
+    return joined((tag("h3", "What the scene fell into"), table(head, rows, class_="objects segments"), more, told))
 
 
 def _method(saved: Saved) -> Html:

@@ -16,7 +16,8 @@ class SegmentationOptions:
     method: str = option(
         "euclidean",
         "euclidean: parts nearer than radius_m; kmeans, fuzzy_cmeans, agglomerative, divisive: clusters of points near each other; "
-        "given: labels of the file; single: all one object",
+        "learned: points named by a trained forest, parts of one class; primitives: planes, cylinders, spheres; given: labels of the file; "
+        "single: all one object",
     )
     supports: bool = option(True, "Find floors, table tops and walls and keep them apart from what stands on them")
     members: bool = option(True, "euclidean: cut what is made of two or more long members (frames, trusses) into these")
@@ -30,6 +31,7 @@ class SegmentationOptions:
     restarts: int = option(8, "kmeans, fuzzy_cmeans: runs from different starts, of which the best is kept", minimum=1, maximum=1000)
     fuzziness: float = option(2.0, "fuzzy_cmeans: the exponent m of the memberships", minimum=1.05, maximum=10.0)
     linkage: str = option("single", "agglomerative: distance of two clusters", choices=LINKAGES)
+    weights: str = option("", "learned, and the guesses of kinds: weights that `scan2fea train` wrote; empty: those shipped")
     seed: int = option(0, "Seed of the plane search and of the starts of clusters", minimum=0)
 
 
@@ -40,7 +42,9 @@ class SelectOptions:
     min_points: int = option(500, "Segments of fewer points are left out", minimum=4)
     min_share: float = option(0.01, "Segments of fewer points than this share of the largest object are left out", minimum=0.0, maximum=1.0)
     max_objects: int = option(50, "At most this many objects, the largest", minimum=1)
-    kinds: tuple[str, ...] = option(("object",), "Kinds of segments to model: object, support, clutter")
+    kinds: tuple[str, ...] = option(
+        ("object",), "What to model: object, support, clutter; or kinds as guessed: I, L, C, T, plate, box, pipe, free form, floor, wall, unknown"
+    )
     labels: tuple[int, ...] = option((), "Only these labels of labels.csv, whatever their kind; none: all")
     least_m: float = option(0.0, "Segments whose box has a shorter diagonal are left out", unit="m", minimum=0.0)
     most_m: float | None = option(None, "Segments whose box has a longer diagonal are left out; none: no limit", unit="m", minimum=0.0)

@@ -14,9 +14,11 @@ from scan2fea.segmentation.euclidean import euclidean
 from scan2fea.segmentation.fuzzy_cmeans import fuzzy_cmeans
 from scan2fea.segmentation.given import given
 from scan2fea.segmentation.kmeans import kmeans
+from scan2fea.segmentation.learned import learned, learned_parts
 from scan2fea.segmentation.members import members
 from scan2fea.segmentation.options import SegmentationOptions
 from scan2fea.segmentation.planes import PlaneFinder
+from scan2fea.segmentation.primitives import find_primitives, primitive_row, primitives
 from scan2fea.segmentation.radius import link_radius
 from scan2fea.segmentation.scenes import things_of
 from scan2fea.segmentation.single import single
@@ -31,6 +33,8 @@ METHODS: Mapping[str, Method] = {
     "fuzzy_cmeans": fuzzy_cmeans,
     "agglomerative": agglomerative,
     "divisive": divisive,
+    "learned": learned,
+    "primitives": primitives,
     "given": given,
     "single": single,
 }
@@ -46,15 +50,21 @@ def segment_scene(scan: Scan, options: SegmentationOptions = SegmentationOptions
     require(options.method in METHODS, UsageError, says)
     cloud = scan.cloud
     if options.method in FINAL:
-        labels = METHODS[options.method](cloud, options)
-        return Segments(labels=labels, kinds=("object",) * (int(labels.max(initial=-1)) + 1), how={"method": options.method})
+        final = METHODS[options.method](cloud, options)
+        return Segments(labels=final, kinds=("object",) * (int(final.max(initial=-1)) + 1), how={"method": options.method})
+    if options.method == "learned":  # it names floors and walls itself
+        return _of_parts(len(cloud), learned_parts(cloud, options), {"method": "learned"})
+    if options.method == "primitives":  # a floor is a plane as any other
+        found = find_primitives(cloud.points, options.min_points, options.seed)
+        told: Mapping[str, object] = {"method": "primitives", "primitives": [primitive_row(p) for p in found]}
+        return _of_parts(len(cloud), [(p.rows, "object") for p in found], told)
     radius = options.radius_m or link_radius(cloud.points, options.seed)
     supports, finder = Supports.none(len(cloud)), PlaneFinder(cloud.points, options.seed)
     if options.supports and np.isfinite(radius) and radius > 0:
         supports = find_supports(finder, scan.sensors(), radius, options.min_points)
     rest = np.flatnonzero(supports.number < 0)
-    found = METHODS[options.method](cloud.take(rest), options)
-    clusters = [rest[found == label] for label in range(int(found.max(initial=-1)) + 1)]
+    labels = METHODS[options.method](cloud.take(rest), options)
+    clusters = [rest[labels == label] for label in range(int(labels.max(initial=-1)) + 1)]
     own_radius = options.radius_m or link_radius(cloud.points[rest], options.seed)
     if options.supports and (len(clusters) > 1 or supports.planes) and np.isfinite(own_radius) and own_radius > 0:
         things = things_of(finder, clusters, supports, own_radius, options.min_points)
@@ -65,6 +75,15 @@ def segment_scene(scan: Scan, options: SegmentationOptions = SegmentationOptions
         pieces = _by_members(cloud.points, pieces, options)
     how = {"method": options.method, "radius_m": own_radius, "n_supports": len(supports.planes), "n_things": len(pieces)}
     return _numbered(supports, pieces, how)
+
+
+def _of_parts(n: int, parts: list[tuple[IntArray, str]], how: Mapping[str, object]) -> Segments:
+    """Segments of n points from rows and roles: supports first, then the others from the largest to the smallest."""
+    labels = np.full(n, -1, np.int64)
+    ordered = sorted(parts, key=lambda part: (part[1] != "support", -len(part[0]), int(part[0][0])))
+    for label, (rows, _) in enumerate(ordered):
+        labels[rows] = label
+    return Segments(labels=labels, kinds=tuple(role for _, role in ordered), how={**how, "n_things": len(parts)})
 
 
 def _by_members(points: FloatArray, pieces: list[tuple[IntArray, str]], options: SegmentationOptions) -> list[tuple[IntArray, str]]:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+import difflib
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from scan2fea.errors import UsageError, require
+from scan2fea.segmentation.kinds import OBJECT_KINDS, SUPPORT_KINDS, UNKNOWN
 from scan2fea.segmentation.options import SelectOptions
 from scan2fea.types import PointCloud, Segments
 
-KINDS = ("object", "support", "clutter")
+ROLES = ("object", "support", "clutter")
+KINDS = (*ROLES, *(kind for kind in OBJECT_KINDS if kind not in ROLES), *SUPPORT_KINDS, UNKNOWN)
+_ROLE_SAYS = {"support": "a support, which carries or bounds the rest", "clutter": "clutter, a leftover of a support"}
+_KIND_SAYS = {"floor": "a floor, which carries the rest", "wall": "a wall, which bounds the rest"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,12 +31,16 @@ class Selection:
     why: Mapping[int, str] = field(default_factory=dict)
 
 
-def select(cloud: PointCloud, segments: Segments, options: SelectOptions = SelectOptions(), given: Collection[int] = ()) -> Selection:
+def select(
+    cloud: PointCloud, segments: Segments, options: SelectOptions = SelectOptions(), given: Collection[int] = (), names: Sequence[str] = ()
+) -> Selection:
     """The segments of the wanted kinds that have enough points, largest first.
+
+    names : kind of each segment (I, pipe, floor, ...) beside its role; empty: not known.
 
     given : labels of segments that came with faces: of those no number of points is too few, for the vertices of a mesh do not tell its size.
     The order depends on the points alone: by number of points, descending, then by the first point. Places are in the frame of the cloud.
-    Raises UsageError for a label that does not exist.
+    Raises UsageError for a label or a kind that does not exist.
     """
     n = len(segments.kinds)
     counts = np.bincount(segments.labels[segments.labels >= 0], minlength=n)
@@ -44,10 +53,7 @@ def select(cloud: PointCloud, segments: Segments, options: SelectOptions = Selec
     if options.labels:
         wanted = _keep(order, lambda label: label in options.labels, "not among select.labels", left_out)
     else:
-        wanted = order
-        for kind in (kind for kind in KINDS if kind not in options.kinds):
-            others = {label: segments.kinds[label] != kind for label in wanted}
-            wanted = _keep(wanted, others.__getitem__, f"of kind {kind}", left_out)
+        wanted = _of_kinds(order, segments.kinds, names or segments.kinds, options.kinds, left_out)
     wanted = _by_place(cloud, segments, options, wanted, left_out)
     least = max(float(options.min_points), options.min_share * max((counts[label] for label in wanted), default=0))
     few = f"with fewer than {round(least)} points (select.min_points, select.min_share)"
@@ -64,6 +70,28 @@ def _keep(labels: list[int], wanted: Callable[[int], bool], why_not: str, left_o
     """The wanted labels; the others are entered in `left_out` under the reason."""
     left_out[why_not] = [label for label in labels if not wanted(label)]
     return [label for label in labels if wanted(label)]
+
+
+def _of_kinds(labels: list[int], roles: Sequence[str], names: Sequence[str], kinds: Sequence[str], left_out: dict[str, list[int]]) -> list[int]:
+    """The labels whose role or kind is among `kinds`; of the others the role tells why they are not, for a kind is only a guess."""
+    for kind in kinds:
+        near = difflib.get_close_matches(kind, KINDS, n=1)
+        says = f"select.kinds: there is no kind {kind!r}{f'; did you mean {near[0]!r}?' if near else ''} There are {', '.join(KINDS)}"
+        require(kind in KINDS, UsageError, says)
+
+    def fits(label: int) -> bool:
+        name = UNKNOWN if names[label] == roles[label] == "object" else names[label]
+        return roles[label] in kinds or name in kinds
+
+    def says_of(label: int) -> str:
+        role, name = roles[label], names[label]
+        return _KIND_SAYS.get(name, _ROLE_SAYS["support"]) if role == "support" else _ROLE_SAYS.get(role, f"of kind {name}")
+
+    wanted = list(labels)
+    for told in dict.fromkeys(says_of(label) for label in labels if not fits(label)):
+        others = {label: fits(label) or says_of(label) != told for label in wanted}
+        wanted = _keep(wanted, others.__getitem__, f"{told} (select.kinds)", left_out)
+    return wanted
 
 
 def _by_place(cloud: PointCloud, segments: Segments, options: SelectOptions, labels: list[int], left_out: dict[str, list[int]]) -> list[int]:

@@ -15,6 +15,7 @@ from scan2fea.reconstruction.evidence import Evidence, Unseen, scatter_m, wall_m
 from scan2fea.reconstruction.gates_outside import both_faces, cut_agrees, open_inside, signs_agree, winding_agrees
 from scan2fea.reconstruction.gates_surface import coverage, deviation, merged, patch_moments, resolution, rims, solid_core, stray
 from scan2fea.reconstruction.hidden_volume import hidden_volume
+from scan2fea.reconstruction.wall_ends import wall_ends
 from scan2fea.types import Check
 
 UNMEASURED_SEEN, UNMEASURED_UNSEEN = 0.10, 0.02  # of the area, with and without sensor positions
@@ -34,6 +35,7 @@ def gates_seen(evidence: Evidence) -> tuple[Check, ...]:
         *rims(evidence),
         *coverage(evidence, UNMEASURED_SEEN, sigma),
         hidden_volume(evidence.mesh, evidence.backed, evidence.spacing_m),
+        wall_ends(evidence),
         deviation(nearest.distance, limit),
     )
 
@@ -51,6 +53,7 @@ def gates_unseen(evidence: Evidence, unseen: Unseen) -> tuple[Check, ...]:
         *resolution(evidence),
         *coverage(evidence, UNMEASURED_UNSEEN, sigma),
         hidden_volume(evidence.mesh, evidence.backed, evidence.spacing_m),
+        wall_ends(evidence),
         *winding_agrees(evidence),
         signs_agree(evidence, unseen),
         cut_agrees(unseen.held),
@@ -76,6 +79,7 @@ def gates_again(evidence: Evidence, before: tuple[Check, ...], seen: bool) -> tu
         *rims(evidence),
         *coverage(evidence, UNMEASURED_SEEN if seen else UNMEASURED_UNSEEN, sigma),
         hidden_volume(evidence.mesh, evidence.backed, evidence.spacing_m),
+        wall_ends(evidence),
         deviation(distance, (DEVIATION_SEEN if seen else DEVIATION_UNSEEN) * (sigma + least)),
         stray(points, distance, STRAY_SIGMAS * sigma + STRAY_SPACINGS * evidence.spacing_m),
         *(() if seen else winding_agrees(evidence)),

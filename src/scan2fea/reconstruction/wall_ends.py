@@ -1,0 +1,172 @@
+"""Ends of walls on which nothing was measured: there the wall may go on, and only the scan end.
+
+Points missing on both sides of a wall leave a hole whose border is narrow: it lies within a few spacings of measured points everywhere, and hides little
+by its own area. But a border that was seen has points of its own, as many for its area as the faces beside it, and they lie between these. So where
+triangles lead from one face of a wall straight to the other for longer than chance lets them, nothing was seen.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from scan2fea.kernel.distances import PointToMesh
+from scan2fea.kernel.measures import face_areas, face_normals, volume
+from scan2fea.kernel.neighbors import k_nearest, radius_components
+from scan2fea.kernel.noise import SPACING_NEIGHBORS
+from scan2fea.kernel.topology import edge_table
+from scan2fea.reconstruction.evidence import Evidence, around, at_most, wall_m
+from scan2fea.types import BoolArray, Check, FloatArray, IntArray, Value
+
+WALL_ENDS = "wall ends without points"
+LIMIT = 0.05  # of the volume: as for volume behind unmeasured area
+OPPOSITE, ALIKE = -0.5, 0.5  # cosine between normals of the two faces of a wall, and of one of them
+BETWEEN, MOST_BETWEEN = 0.15, 0.35  # of the wall's thickness below either face, besides the noise: between them
+NEIGHBORS = 12  # points that tell how deep one lies in its wall
+DENSITY = 0.85  # points per squared spacing of a random sample
+EXPECTED = 4.5  # points due between the faces on a stretch that has none: chance 0.011 at the density of the faces beside it
+NEIGHBOURING, JOINED = 2.0, 2.0  # points due, and spacings between them, of shorter stretches that go on beyond a point or a bend
+FLAT_END, FACES_SO = 0.9, 0.7  # length of the mean normal of a stretch that lies in a plane; cosine of others that do
+WHOLE_END = 0.5  # of the area in that plane: with more of it unseen the part may go on there
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Stretch(Value):
+    """Faces that lead across a wall with no point between.   faces : (k,).   wall_m : thickness.   length_m : along the wall's end.   due : points."""
+
+    faces: IntArray
+    wall_m: float
+    length_m: float
+    due: float
+
+
+def wall_ends(evidence: Evidence) -> Check:
+    """How much may hide beyond ends of walls without points?
+
+    An end of length P round a hole encloses at most P^2 / (4 pi) of wall, at an edge twice that, at a corner four times; where more than half of an end that
+    the whole part lies behind has no points, anything may be beyond.
+    """
+    mesh = evidence.mesh
+    body, normals, areas = abs(volume(mesh)), face_normals(mesh), face_areas(mesh)
+    hidden, where = 0.0, [np.zeros((0, 3))]
+    for stretch in stretches(evidence):
+        endless = _ends_part(stretch, mesh.vertices, mesh.vertices[mesh.faces].mean(axis=1), normals, areas)
+        hidden += math.inf if endless else stretch.wall_m * stretch.length_m**2 / math.pi
+        where.append(mesh.vertices[mesh.faces[stretch.faces]].mean(axis=1))
+    share = min(1.0, hidden / body) if body > 0.0 else 0.0
+    says = (
+        f"{share:.0%} of the volume may hide beyond ends of walls where no point was measured (limit {LIMIT:.0%}){around(np.concatenate(where))}: "
+        "the scan may end there, not the wall; scan the edges too, or fit the member"
+    )
+    return at_most(WALL_ENDS, share, LIMIT, says)
+
+
+def stretches(evidence: Evidence) -> list[Stretch]:
+    """Ends of walls that were due EXPECTED points and have none."""
+    mesh = evidence.mesh
+    row = np.asarray(cKDTree(evidence.smoothed).query(mesh.vertices)[1], np.int64)
+    corner = row[mesh.faces]
+    normal = evidence.normals[corner]
+    turned = np.einsum("fkc,fkc->fk", normal, np.roll(normal, -1, axis=1))
+    across = np.flatnonzero(turned.min(axis=1) < OPPOSITE)
+    if not len(across):
+        return []
+    points = np.unique(corner[across])
+    wall = wall_m(evidence)
+    skin = min(MOST_BETWEEN, BETWEEN + (evidence.sigma_m / wall if math.isfinite(wall) else 0.0))
+    on_face = np.zeros(len(evidence.smoothed), bool)
+    on_face[points] = _depth(evidence, points) < skin
+    across = across[on_face[corner[across]].all(axis=1)]
+    bare = across[~_has_points(evidence, across, _far_side(normal[across]), skin)]
+    spacing = np.full(len(evidence.smoothed), math.inf)
+    spacing[points] = k_nearest(evidence.smoothed, SPACING_NEIGHBORS + 1, evidence.smoothed[points])[0][:, 1:].mean(axis=1)
+    due = (1.0 - 2.0 * skin) * DENSITY * face_areas(mesh) / np.median(spacing[corner], axis=1) ** 2
+    pieces = [piece for piece in _joined(mesh.faces, bare) if due[piece].sum() >= NEIGHBOURING]
+    if not pieces:
+        return []
+    of = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
+    group = _near_each_other(mesh.vertices[mesh.faces[np.concatenate(pieces)]].reshape(-1, 3), np.repeat(of, 3), JOINED * evidence.spacing_m)
+    out = []
+    for number in np.unique(group):
+        own = [piece for piece, its in zip(pieces, group, strict=True) if its == number]
+        if max(due[piece].sum() for piece in own) < EXPECTED:
+            continue
+        faces = np.concatenate(own)
+        thick = evidence.thickness_m[corner[faces]]
+        thick = thick[np.isfinite(thick)]
+        across_m = max(float(np.median(thick)) if len(thick) else 0.0, evidence.spacing_m)
+        length = float(face_areas(mesh)[faces].sum()) / across_m
+        out.append(Stretch(faces=faces, wall_m=across_m, length_m=length, due=float(due[faces].sum())))
+    return out
+
+
+def _depth(evidence: Evidence, rows: IntArray) -> FloatArray:
+    """How deep points lie below the nearer face of their wall, in thicknesses: 0 on a face, 0.5 in the middle. By the planes of others beside them."""
+    near = k_nearest(evidence.smoothed, NEIGHBORS + 1, evidence.smoothed[rows])[1]
+    thick = evidence.thickness_m[near]
+    under = np.einsum("nkc,nkc->nk", evidence.smoothed[near] - evidence.smoothed[rows][:, None], evidence.normals[near]) / thick
+    beside = np.isfinite(thick) & (np.abs(np.einsum("nc,nkc->nk", evidence.normals[rows], evidence.normals[near])) > ALIKE) & (near != rows[:, None])
+    folded = np.where(beside, np.clip(np.minimum(under, 1.0 - under), 0.0, 0.5), np.nan)
+    depth, told = np.zeros(len(rows)), beside.any(axis=1)
+    depth[told] = np.nanmedian(folded[told], axis=1)
+    return depth
+
+
+def _far_side(normals: FloatArray) -> FloatArray:
+    """(k, 3) 1 at corners that face against the first corner of each face, else 0."""
+    return np.asarray(np.einsum("fkc,fc->fk", normals, normals[:, 0]) < 0, float)
+
+
+def _has_points(evidence: Evidence, faces: IntArray, far: FloatArray, skin: float) -> BoolArray:
+    """(k,) faces on which a measured point lies between the two faces of the wall."""
+    near = PointToMesh(evidence.mesh).nearest(evidence.backed)
+    place = np.full(len(evidence.mesh.faces), -1)
+    place[faces] = np.arange(len(faces))
+    at = place[near.face]
+    on = at >= 0
+    share = np.einsum("ij,ij->i", near.weights[on], far[at[on]])
+    between = np.minimum(share, 1.0 - share) >= skin
+    return np.asarray(np.bincount(at[on][between], minlength=len(faces)) > 0)
+
+
+def _joined(faces: IntArray, chosen: IntArray) -> list[IntArray]:
+    """The chosen faces in sets that hang together by edges."""
+    if not len(chosen):
+        return []
+    twin = edge_table(faces).twin.reshape(-1, 3) // 3
+    place = np.full(len(faces), -1)
+    place[chosen] = np.arange(len(chosen))
+    other = place[twin[chosen]]
+    one, side = np.nonzero(other >= 0)
+    graph = coo_array((np.ones(len(one), np.int8), (one, other[one, side])), shape=(len(chosen), len(chosen)))
+    part = connected_components(graph, directed=False)[1]
+    order = np.argsort(part, kind="stable")
+    return np.split(chosen[order], np.cumsum(np.bincount(part))[:-1])
+
+
+def _near_each_other(places: FloatArray, of: IntArray, reach_m: float) -> IntArray:
+    """Group of each set of places; `of` names the set of each place, from 0. Sets with places within reach are one group."""
+    near = radius_components(places, reach_m)
+    n = int(of.max()) + 1
+    graph = coo_array((np.ones(len(of), np.int8), (of, n + near)), shape=(n + int(near.max()) + 1,) * 2)
+    return np.asarray(connected_components(graph, directed=False)[1][:n], np.int64)
+
+
+def _ends_part(stretch: Stretch, vertices: FloatArray, middles: FloatArray, normals: FloatArray, areas: FloatArray) -> bool:
+    """Does the whole part lie behind the plane of this stretch, and is the stretch more than half of what lies in that plane?"""
+    own = stretch.faces
+    mean = (areas[own, None] * normals[own]).sum(axis=0) / areas[own].sum()
+    length = float(np.linalg.norm(mean))
+    if length < FLAT_END:
+        return False
+    way = mean / length
+    level = float((middles[own] @ way).mean())
+    if float((vertices @ way).max()) > level + stretch.wall_m:
+        return False
+    beside = (np.abs(middles @ way - level) <= stretch.wall_m) & (normals @ way > FACES_SO)
+    return bool(areas[own].sum() > WHOLE_END * areas[beside].sum())

@@ -107,6 +107,7 @@ def closed_reconstruction(
         spacing_m=first.spacing_m,
         sigma_m=first.sigma_m,
         is_inferred=scan.cloud.is_inferred,
+        sensors=scan.sensors() if first.source == "sensors" else None,
     )
     before = tuple(check for check in first.checks if check.name != "parts")
     checks = (*gates_again(evidence, before, first.source == "sensors"), one_part(found.resolved.n_parts))

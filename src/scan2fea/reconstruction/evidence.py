@@ -22,6 +22,7 @@ class Evidence(Value):
     points : (n, 3) raw.   is_inferred : (n,) not measured, or None.   mesh : the closed surface.   smoothed, normals : (n, 3) denoised
     points and their outward normals.   thickness_m : (n,) to the other face, nan where there is none.   gap_m : (n,) to the next surface in
     front, nan likewise.   spacing_m, sigma_m : of the raw points.   n_hidden : of the last points, that only stand for places no ray has reached.
+    sensors : (n, 3) where each point was seen from, nan rows where not known, or None.
     """
 
     points: FloatArray
@@ -34,8 +35,9 @@ class Evidence(Value):
     sigma_m: float
     is_inferred: BoolArray | None = None
     n_hidden: int = 0
+    sensors: FloatArray | None = None
 
-    _ROWS = (("points", "smoothed", "normals", "thickness_m", "gap_m", "is_inferred"),)
+    _ROWS = (("points", "smoothed", "normals", "thickness_m", "gap_m", "is_inferred", "sensors"),)
 
     @property
     def measured(self) -> FloatArray:

@@ -116,6 +116,7 @@ def _seen(scan: Scan, options: VisibilityOptions, sensors: FloatArray, spacing_m
         spacing_m=spacing_m,
         sigma_m=sigma,
         is_inferred=cloud.is_inferred,
+        sensors=sensors,
     )
     return _result(carved, spacing_m, sigma, "sensors", "known", gates_seen(evidence), {"rays_blocked": blocked})
 

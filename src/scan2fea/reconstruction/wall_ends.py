@@ -1,8 +1,9 @@
 """Ends of walls on which nothing was measured: there the wall may go on, and only the scan end.
 
-Points missing on both sides of a wall leave a hole whose border is narrow: it lies within a few spacings of measured points everywhere, and hides little
-by its own area. But a border that was seen has points of its own, as many for its area as the faces beside it, and they lie between these. So where
-triangles lead from one face of a wall straight to the other for longer than chance lets them, nothing was seen.
+Points missing on both sides of a wall leave a hole whose border is narrow: it lies within a few spacings of measured points everywhere, and
+hides little by its own area. But a border that was seen has points of its own, as many for its area as the faces beside it, and they lie between
+these. So where triangles lead from one face of a wall straight to the other for longer than chance lets them, nothing was seen; unless a sight line
+passes there.
 """
 
 from __future__ import annotations
@@ -16,28 +17,31 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from scan2fea.kernel.distances import PointToMesh
+from scan2fea.kernel.jit import jit
 from scan2fea.kernel.measures import face_areas, face_normals, volume
 from scan2fea.kernel.neighbors import k_nearest, radius_components
 from scan2fea.kernel.noise import SPACING_NEIGHBORS
 from scan2fea.kernel.topology import edge_table
 from scan2fea.reconstruction.evidence import Evidence, around, at_most, wall_m
-from scan2fea.types import BoolArray, Check, FloatArray, IntArray, Value
+from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh, Value
 
 WALL_ENDS = "wall ends without points"
-LIMIT = 0.05  # of the volume: as for volume behind unmeasured area
-OPPOSITE, ALIKE = -0.5, 0.5  # cosine between normals of the two faces of a wall, and of one of them
+LIMIT = 0.02  # of the volume: as behind surface that no ray has met
+OPPOSITE, ALIKE = -0.5, 0.8  # cosine between normals of the two faces of a wall, and of one of them
+FLAT = 0.9  # a triangle whose corners agree better is not looked at
 BETWEEN, MOST_BETWEEN = 0.15, 0.35  # of the wall's thickness below either face, besides the noise: between them
-NEIGHBORS = 12  # points that tell how deep one lies in its wall
+NEIGHBORS, LEAST = 24, 3  # points that tell on which face one lies, and how many must agree
 DENSITY = 0.85  # points per squared spacing of a random sample
-EXPECTED = 4.5  # points due between the faces on a stretch that has none: chance 0.011 at the density of the faces beside it
+EXPECTED = 6.0  # points due between the faces on a stretch that has none: chance 0.0025 at the density of the faces beside it, 0.05 at half of it
 NEIGHBOURING, JOINED = 2.0, 2.0  # points due, and spacings between them, of shorter stretches that go on beyond a point or a bend
-FLAT_END, FACES_SO = 0.9, 0.7  # length of the mean normal of a stretch that lies in a plane; cosine of others that do
+FLAT_END, FACES_SO = 0.7, 0.7  # length of the mean normal of a stretch that lies in a plane; cosine of others that do
+BEYOND = 1.5  # spacings beyond a wall's end, at least its thickness: where it would go on
 WHOLE_END = 0.5  # of the area in that plane: with more of it unseen the part may go on there
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Stretch(Value):
-    """Faces that lead across a wall with no point between.   faces : (k,).   wall_m : thickness.   length_m : along the wall's end.   due : points."""
+    """Faces that lead across a wall with no point between.   faces : (k,).   wall_m : thickness.   length_m : along the end.   due : points."""
 
     faces: IntArray
     wall_m: float
@@ -48,14 +52,14 @@ class Stretch(Value):
 def wall_ends(evidence: Evidence) -> Check:
     """How much may hide beyond ends of walls without points?
 
-    An end of length P round a hole encloses at most P^2 / (4 pi) of wall, at an edge twice that, at a corner four times; where more than half of an end that
-    the whole part lies behind has no points, anything may be beyond.
+    An end of length P round a hole encloses at most P^2 / (4 pi) of wall, at an edge twice that, at a corner four times; where more than half of an
+    end that the whole part lies behind has no points, anything may be beyond.
     """
     mesh = evidence.mesh
     body, normals, areas = abs(volume(mesh)), face_normals(mesh), face_areas(mesh)
     hidden, where = 0.0, [np.zeros((0, 3))]
     for stretch in stretches(evidence):
-        endless = _ends_part(stretch, mesh.vertices, mesh.vertices[mesh.faces].mean(axis=1), normals, areas)
+        endless = _ends_part(stretch, mesh, normals, areas, stretch.wall_m + JOINED * evidence.spacing_m)
         hidden += math.inf if endless else stretch.wall_m * stretch.length_m**2 / math.pi
         where.append(mesh.vertices[mesh.faces[stretch.faces]].mean(axis=1))
     share = min(1.0, hidden / body) if body > 0.0 else 0.0
@@ -68,21 +72,21 @@ def wall_ends(evidence: Evidence) -> Check:
 
 def stretches(evidence: Evidence) -> list[Stretch]:
     """Ends of walls that were due EXPECTED points and have none."""
-    mesh = evidence.mesh
-    row = np.asarray(cKDTree(evidence.smoothed).query(mesh.vertices)[1], np.int64)
-    corner = row[mesh.faces]
+    mesh, wall = evidence.mesh, wall_m(evidence)
+    corner = np.asarray(cKDTree(evidence.smoothed).query(mesh.vertices)[1], np.int64)[mesh.faces]
     normal = evidence.normals[corner]
-    turned = np.einsum("fkc,fkc->fk", normal, np.roll(normal, -1, axis=1))
-    across = np.flatnonzero(turned.min(axis=1) < OPPOSITE)
-    if not len(across):
+    bent = np.einsum("fkc,fkc->fk", normal, np.roll(normal, -1, axis=1)).min(axis=1) < FLAT
+    points = np.unique(corner[bent])
+    if not math.isfinite(wall) or not len(points):
         return []
-    points = np.unique(corner[across])
-    wall = wall_m(evidence)
-    skin = min(MOST_BETWEEN, BETWEEN + (evidence.sigma_m / wall if math.isfinite(wall) else 0.0))
-    on_face = np.zeros(len(evidence.smoothed), bool)
-    on_face[points] = _depth(evidence, points) < skin
-    across = across[on_face[corner[across]].all(axis=1)]
+    skin = min(MOST_BETWEEN, BETWEEN + evidence.sigma_m / wall)
+    sheets = np.full_like(evidence.normals, np.nan)
+    sheets[points] = _sheet_normals(evidence, points, skin * wall)
+    normal = sheets[corner]
+    turned = np.einsum("fkc,fkc->fk", normal, np.roll(normal, -1, axis=1))
+    across = np.flatnonzero(np.isfinite(turned).all(axis=1) & (np.nan_to_num(turned).min(axis=1) < OPPOSITE))
     bare = across[~_has_points(evidence, across, _far_side(normal[across]), skin)]
+    bare = bare[~_seen_past(evidence, bare, wall)]
     spacing = np.full(len(evidence.smoothed), math.inf)
     spacing[points] = k_nearest(evidence.smoothed, SPACING_NEIGHBORS + 1, evidence.smoothed[points])[0][:, 1:].mean(axis=1)
     due = (1.0 - 2.0 * skin) * DENSITY * face_areas(mesh) / np.median(spacing[corner], axis=1) ** 2
@@ -105,16 +109,20 @@ def stretches(evidence: Evidence) -> list[Stretch]:
     return out
 
 
-def _depth(evidence: Evidence, rows: IntArray) -> FloatArray:
-    """How deep points lie below the nearer face of their wall, in thicknesses: 0 on a face, 0.5 in the middle. By the planes of others beside them."""
+def _sheet_normals(evidence: Evidence, rows: IntArray, off_m: float) -> FloatArray:
+    """(k, 3) normal of the face each point lies on, nan where it lies on none of those beside it: then it is between two.
+
+    The last points of a face have bent normals of their own, so it is told by others: of those whose planes pass within `off_m`, that
+    which most others agree with.
+    """
     near = k_nearest(evidence.smoothed, NEIGHBORS + 1, evidence.smoothed[rows])[1]
-    thick = evidence.thickness_m[near]
-    under = np.einsum("nkc,nkc->nk", evidence.smoothed[near] - evidence.smoothed[rows][:, None], evidence.normals[near]) / thick
-    beside = np.isfinite(thick) & (np.abs(np.einsum("nc,nkc->nk", evidence.normals[rows], evidence.normals[near])) > ALIKE) & (near != rows[:, None])
-    folded = np.where(beside, np.clip(np.minimum(under, 1.0 - under), 0.0, 0.5), np.nan)
-    depth, told = np.zeros(len(rows)), beside.any(axis=1)
-    depth[told] = np.nanmedian(folded[told], axis=1)
-    return depth
+    normal = evidence.normals[near]
+    height = np.einsum("nkc,nkc->nk", evidence.smoothed[near] - evidence.smoothed[rows][:, None], normal)
+    holds = (np.abs(height) <= off_m) & (near != rows[:, None])
+    agree = ((np.einsum("nic,njc->nij", normal, normal) > ALIKE) & holds[:, None, :]).sum(axis=2) * holds
+    best = agree.argmax(axis=1)[:, None]
+    out = np.take_along_axis(normal, best[..., None], axis=1)[:, 0]
+    return np.where(np.take_along_axis(agree, best, axis=1) >= LEAST, out, np.nan)
 
 
 def _far_side(normals: FloatArray) -> FloatArray:
@@ -132,6 +140,39 @@ def _has_points(evidence: Evidence, faces: IntArray, far: FloatArray, skin: floa
     share = np.einsum("ij,ij->i", near.weights[on], far[at[on]])
     between = np.minimum(share, 1.0 - share) >= skin
     return np.asarray(np.bincount(at[on][between], minlength=len(faces)) > 0)
+
+
+def _seen_past(evidence: Evidence, faces: IntArray, wall: float) -> BoolArray:
+    """(k,) faces beyond which a sight line passes where the wall would go on: its point lies farther away."""
+    if evidence.sensors is None or not len(faces):
+        return np.zeros(len(faces), bool)
+    known = np.flatnonzero(np.isfinite(evidence.sensors).all(axis=1))
+    origin, target = evidence.sensors[known], evidence.points[known]
+    normals = face_normals(evidence.mesh)[faces]
+    places = evidence.mesh.vertices[evidence.mesh.faces[faces]].mean(axis=1) + max(wall, BEYOND * evidence.spacing_m) * normals
+    return np.asarray(_passed(places, np.ascontiguousarray(origin), np.ascontiguousarray(target), 0.5 * wall))
+
+
+@jit
+def _passed(places: FloatArray, origin: FloatArray, target: FloatArray, near: float) -> BoolArray:
+    """(k,) places within `near` of a line from an origin to its target, and nearer to the origin by more than twice that."""
+    out = np.zeros(len(places), np.bool_)
+    for p in range(len(places)):
+        for r in range(len(origin)):
+            along = length2 = apart2 = 0.0
+            for k in range(3):
+                way, to = target[r, k] - origin[r, k], places[p, k] - origin[r, k]
+                length2 += way * way
+                along += way * to
+                apart2 += to * to
+            if along <= 0.0 or length2 <= 0.0:
+                continue
+            length = math.sqrt(length2)
+            at = along / length
+            if at < length - 2.0 * near and apart2 - at * at <= near * near:
+                out[p] = True
+                break
+    return out
 
 
 def _joined(faces: IntArray, chosen: IntArray) -> list[IntArray]:
@@ -157,16 +198,17 @@ def _near_each_other(places: FloatArray, of: IntArray, reach_m: float) -> IntArr
     return np.asarray(connected_components(graph, directed=False)[1][:n], np.int64)
 
 
-def _ends_part(stretch: Stretch, vertices: FloatArray, middles: FloatArray, normals: FloatArray, areas: FloatArray) -> bool:
-    """Does the whole part lie behind the plane of this stretch, and is the stretch more than half of what lies in that plane?"""
+def _ends_part(stretch: Stretch, mesh: TriangleMesh, normals: FloatArray, areas: FloatArray, rough_m: float) -> bool:
+    """Does the whole part lie behind the plane of this stretch, rugged by `rough_m`, and is the stretch more than half of what lies in that plane?"""
     own = stretch.faces
     mean = (areas[own, None] * normals[own]).sum(axis=0) / areas[own].sum()
     length = float(np.linalg.norm(mean))
     if length < FLAT_END:
         return False
     way = mean / length
-    level = float((middles[own] @ way).mean())
-    if float((vertices @ way).max()) > level + stretch.wall_m:
+    height = mesh.vertices[mesh.faces].mean(axis=1) @ way
+    level = float(height[own].mean())
+    if float((mesh.vertices @ way).max()) > level + rough_m:
         return False
-    beside = (np.abs(middles @ way - level) <= stretch.wall_m) & (normals @ way > FACES_SO)
+    beside = (np.abs(height - level) <= rough_m) & (normals @ way > FACES_SO)
     return bool(areas[own].sum() > WHOLE_END * areas[beside].sum())

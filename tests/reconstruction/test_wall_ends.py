@@ -1,0 +1,139 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from predicates import box, moved, rotation
+from scan2fea.kernel.distances import sample_surface
+from scan2fea.kernel.measures import area, volume
+from scan2fea.reconstruction import advancing_front, visibility
+from scan2fea.reconstruction.evidence import Evidence
+from scan2fea.reconstruction.gates import failed
+from scan2fea.reconstruction.wall_ends import LIMIT, WALL_ENDS, _passed, stretches, wall_ends
+from scan2fea.simulation.shapes import chs
+from scan2fea.types import PointCloud, Scan
+from scanned import DENSITY
+
+T = 0.006
+
+SIZE = np.array([0.2, 0.15, T])
+
+
+def sampled(mesh, spacing, seed=0):
+    return sample_surface(mesh, int(DENSITY * area(mesh) / spacing**2), seed)[0]
+
+
+def at_border(points):
+    """Points of a plate that lie on its rim and on neither face."""
+    return (points[:, 2] > 1e-9) & (points[:, 2] < T - 1e-9)
+
+
+def evidence_without(gone, spacing=0.004, seed=0):
+    """What the gate sees of a plate scanned but for `gone`: the surface is made of the points."""
+    points = sampled(box(SIZE), spacing, seed)
+    found = visibility(Scan(cloud=PointCloud.of(points[~gone(points)])))
+    evidence = Evidence(
+        points=points[~gone(points)],
+        mesh=found.mesh,
+        smoothed=found.points,
+        normals=found.normals,
+        thickness_m=found.thickness_m,
+        gap_m=found.thickness_m,
+        spacing_m=found.spacing_m,
+        sigma_m=found.sigma_m,
+    )
+    return found, evidence
+
+
+@pytest.fixture(scope="module")
+def notch():
+    return lambda points: np.linalg.norm(points[:, :2] - [0.1, 0.0], axis=1) < 0.04
+
+
+def value(found):
+    return {check.name: check for check in found.checks}[WALL_ENDS]
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_plate_seen_all_round_ends_where_it_ends(seed):
+    found, evidence = evidence_without(lambda points: np.zeros(len(points), bool), seed=seed)
+    assert value(found).passed and value(found).value == wall_ends(evidence).value
+    assert not stretches(evidence)
+
+
+def test_a_notch_through_both_faces_is_no_end(notch):
+    found, evidence = evidence_without(notch)
+    ends = stretches(evidence)
+    length = sum(end.length_m for end in ends)
+    assert 0.9 * np.pi * 0.04 < length < 2.0 * np.pi * 0.04  # the half circle, rugged, and on to the next points seen on the true rim
+    assert all(end.wall_m == pytest.approx(T, rel=0.05) for end in ends)
+    middles = np.concatenate([found.mesh.vertices[found.mesh.faces[end.faces]].mean(axis=1) for end in ends])
+    assert np.median(np.abs(np.linalg.norm(middles[:, :2] - [0.1, 0.0], axis=1) - 0.04)) < 0.004
+    assert [check.name for check in failed(found.checks)] == [WALL_ENDS]
+    assert "scan the edges too" in value(found).says and "around (0.09" in value(found).says
+
+
+def test_a_bore_without_points_on_its_wall_may_be_none():
+    hole = lambda points: np.linalg.norm(points[:, :2] - [0.1, 0.075], axis=1) < 0.03  # noqa: E731
+    found, _ = evidence_without(hole)
+    true = np.pi * 0.03**2 * T / volume(found.mesh)
+    assert true < value(found).value < 6 * true and not value(found).passed
+
+
+def test_beyond_an_end_that_was_not_seen_may_be_anything():
+    cut = lambda points: points[:, 0] > 0.15  # noqa: E731
+    assert value(evidence_without(cut)[0]).value == 1.0
+    unseen_rim = lambda points: at_border(points) & (points[:, 0] > 0.2 - 1e-9)  # noqa: E731
+    assert value(evidence_without(unseen_rim)[0]).value == 1.0
+
+
+def test_half_of_a_tube():
+    points = sampled(chs(0.1, 0.008, 0.2), 0.005)
+    assert not value(visibility(Scan(cloud=PointCloud.of(points[points[:, 2] < 0.1])))).passed
+
+
+def test_scale_and_pose_change_nothing(notch):
+    points = sampled(box(SIZE), 0.004)
+    points = points[~notch(points)]
+    turned = moved(box(SIZE), 39.37 * rotation(4), np.array([3.0, -2.0, 8.0]))  # inches
+    first = visibility(Scan(cloud=PointCloud.of(points)))
+    second = visibility(Scan(cloud=PointCloud.of(39.37 * points @ rotation(4).T + [3.0, -2.0, 8.0])))
+    assert volume(turned) == pytest.approx(39.37**3 * volume(box(SIZE)))
+    assert value(second).value == pytest.approx(value(first).value, rel=0.3)
+
+
+def test_asked_of_every_surface_over_the_points(notch):
+    points = sampled(box(SIZE), 0.004)
+    assert not value(advancing_front(Scan(cloud=PointCloud.of(points[~notch(points)])))).passed
+
+
+def test_the_limit_is_inclusive_and_nothing_is_said_without_a_wall(notch):
+    _, evidence = evidence_without(notch)
+    assert not stretches(dataclasses.replace(evidence, thickness_m=np.full(len(evidence.points), np.nan)))
+    assert wall_ends(evidence).limit == LIMIT
+
+
+def test_a_line_of_sight_passes_a_place():
+    origin, target = np.zeros((1, 3)), np.array([[4.0, 0.0, 0.0]])
+    places = np.array([[1, 0.5, 0], [1, 0.5001, 0], [2.999, 0, 0], [3.0, 0, 0], [-1, 0, 0], [5, 0, 0]], float)
+    assert _passed(places, origin, target, 0.5).tolist() == [True, False, True, False, False, False]
+    assert not _passed(places, target, target, 0.5).any()
+
+
+def test_what_is_seen_through_a_notch_is_empty(notch):
+    _, evidence = evidence_without(notch)
+    away = [0.0, 0.0, 10.0]
+    below = np.stack(np.meshgrid(np.linspace(0.0, 0.2, 60), np.linspace(-0.05, 0.15, 60), [-0.5]), axis=-1).reshape(-1, 3)
+    n, m = len(evidence.points), len(below)
+    through = below[notch(below)]  # sight lines that reach a floor far below
+    rows = lambda own, more: np.concatenate([own, more])  # noqa: E731
+    seen = dataclasses.replace(
+        evidence, points=rows(evidence.points, through), sensors=rows(evidence.points + away, through + away),
+        smoothed=rows(evidence.smoothed, through),
+        normals=rows(evidence.normals, np.tile([0.0, 0.0, 1.0], (len(through), 1))), gap_m=np.full(n + len(through), np.nan),
+        thickness_m=rows(evidence.thickness_m, np.full(len(through), np.nan)),
+    )  # fmt: skip
+    assert m and wall_ends(evidence).value > LIMIT
+    assert wall_ends(seen).value < 0.5 * wall_ends(evidence).value
+    blind = dataclasses.replace(seen, sensors=np.full_like(seen.points, np.nan))
+    assert wall_ends(blind).value == pytest.approx(wall_ends(evidence).value, rel=0.01)

@@ -19,7 +19,7 @@ def parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(prog="scan2fea", description="From raw 3D scans to checked finite element models.", allow_abbrev=False)
     top.add_argument("--version", action="version", version=f"scan2fea {__version__}")
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for add in (_run, _demo, _simulate, _plan, _check, _info, _fit, _register, _segment, _train, _reconstruct, _config, _view):
+    for add in (_run, _demo, _simulate, _plan, _check, _info, _fit, _register, _fuse, _segment, _train, _reconstruct, _config, _view):
         add(commands)
     return top
 
@@ -31,6 +31,7 @@ def _run(commands: Commands) -> None:
     _add_poses(run)
     _add_pictures(run)
     run.add_argument("--labels", metavar="COLUMN", help="take the objects from this column (name or number) [input.labels]")
+    _add_motion(run)
     _add_member(run, "section of every object, where it is known: L127x127x6.35 (mm), HE 140 A, W8X31 [route.member]")
     _add_options(run)
 
@@ -85,7 +86,18 @@ def _register(commands: Commands) -> None:
     _add_scans(register)
     _add_poses(register)
     _add_pictures(register)
+    _add_motion(register)
     _add_options(register)
+
+
+def _fuse(commands: Commands) -> None:
+    fuse = commands.add_parser("fuse", help="logs of motion sensors to one trajectory with covariance", allow_abbrev=False)
+    fuse.add_argument("inputs", nargs="+", metavar="LOG", help="inertial log, positions (csv, NMEA), odometry (TUM), ranges in a plane: told apart")
+    fuse.add_argument("-o", "--out", required=True, metavar="OUT", help="folder for what is made")
+    fuse.add_argument("--method", metavar="M", help="kalman (default), complementary, particle [fusion.method]")
+    fuse.add_argument("--poses", metavar="FILE", dest="known_poses", help="poses in the world (TUM), e.g. of a camera [fusion.poses]")
+    fuse.add_argument("--map", metavar="SCAN", help="scan of the place, of method particle [fusion.map]")
+    _add_options(fuse)
 
 
 def _segment(commands: Commands) -> None:
@@ -162,6 +174,11 @@ def _add_reading(command: argparse.ArgumentParser, which: str) -> None:
 def _add_poses(command: argparse.ArgumentParser) -> None:
     command.add_argument("--poses", metavar="FILE", help="where each input stood (bun.conf, TUM, KITTI, 4x4) [registration.poses]")
     command.add_argument("--calibration", metavar="FILE", help=CALIBRATION)
+
+
+def _add_motion(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--imu", metavar="FILE", help="inertial log of the scanner: with --gps it tells the motion of a capture [fusion.imu]")
+    command.add_argument("--gps", metavar="FILE", help="log of the satellite receiver (csv or NMEA) [fusion.gps]")
 
 
 def _add_member(command: argparse.ArgumentParser, what: str) -> None:

@@ -37,7 +37,7 @@ def _spoken(given: argparse.Namespace) -> list[str]:
     words: list[Any] = ["-c", given.config] if given.config else []
     for text in given.settings:
         words += ["--set", text]
-    for name in ("seed", "unit", "poses", "calibration", "labels", "sensor", "scale", "known_length"):
+    for name in ("seed", "unit", "poses", "calibration", "labels", "imu", "gps", "sensor", "scale", "known_length"):
         if getattr(given, name, None) is not None:
             words += [f"--{name.replace('_', '-')}", getattr(given, name)]
     if getattr(given, "sensor_position", None) is not None:

@@ -22,9 +22,13 @@ SHORT_FORMS = {
     "family": "estimation.family",
     "member": "route.member",
     "catalogue": "route.catalogue",
+    "imu": "fusion.imu",
+    "gps": "fusion.gps",
+    "map": "fusion.map",
+    "known_poses": "fusion.poses",
 }
 PICTURES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp", ".pgm", ".ppm")
-METHOD_STAGES = {"reconstruct": "reconstruction.method", "segment": "segmentation.method"}  # what --method picks
+METHOD_STAGES = {"reconstruct": "reconstruction.method", "segment": "segmentation.method", "fuse": "fusion.method"}  # what --method picks
 
 
 def config_of(given: argparse.Namespace, **defaults: Any) -> Config:

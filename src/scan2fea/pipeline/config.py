@@ -23,6 +23,7 @@ from scan2fea.estimation.member import MemberOptions
 from scan2fea.estimation.solid import SolidOptions
 from scan2fea.fea import FeaOptions
 from scan2fea.filtering import FilteringOptions
+from scan2fea.fusion import FusionOptions
 from scan2fea.io import InputOptions
 from scan2fea.options import option
 from scan2fea.pipeline.known import KnownObject, known_object, table_lines
@@ -59,6 +60,7 @@ class Config:
 
     input: InputOptions = field(default_factory=InputOptions)
     acquisition: AcquisitionOptions = field(default_factory=AcquisitionOptions)
+    fusion: FusionOptions = field(default_factory=FusionOptions)
     registration: RegistrationOptions = field(default_factory=RegistrationOptions)
     filtering: FilteringOptions = field(default_factory=FilteringOptions)
     segmentation: SegmentationOptions = field(default_factory=SegmentationOptions)

@@ -14,6 +14,7 @@ from scan2fea.io import write_cloud_ply, write_text, write_trajectory
 from scan2fea.pipeline.acquire import acquired_rows
 from scan2fea.pipeline.config import Config, to_toml
 from scan2fea.pipeline.frames import registration_row, trajectory_of_all
+from scan2fea.pipeline.fuse import record_motion
 from scan2fea.pipeline.record import Record
 from scan2fea.pipeline.results import finite_tree
 from scan2fea.pipeline.run import read_all
@@ -34,7 +35,10 @@ def register_files(inputs: Sequence[Path], out: Path, config: Config) -> dict[st
     with tempfile.TemporaryDirectory() as folder:
         record = Record(Path(folder), resume=False)
         raws, rows = read_all(inputs, config.input, record, config.acquisition)
-    scene = place_all(tuple(raw.value for raw in raws), config.registration, names=[Path(raw.value.path).name for raw in raws])
+        told = record_motion(config.fusion, record, raws)
+    names = [Path(raw.value.path).name for raw in raws]
+    motion = told[0].value.trajectory if told else None
+    scene = place_all(tuple(raw.value for raw in raws), config.registration, names=names, motion=motion)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

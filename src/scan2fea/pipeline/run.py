@@ -25,6 +25,7 @@ from scan2fea.pipeline.assigned import assigned, resolved
 from scan2fea.pipeline.chosen import chosen_of
 from scan2fea.pipeline.config import Config, to_toml
 from scan2fea.pipeline.frames import trajectory_of_all
+from scan2fea.pipeline.fuse import record_motion
 from scan2fea.pipeline.kinds import kinds_of, n_kinds, names_of, with_kinds
 from scan2fea.pipeline.labels import edited, labels_text, read_rows
 from scan2fea.pipeline.objects import convert_all, parts_of, refuse_all
@@ -56,7 +57,8 @@ def run(
         record = Record(out / KEEP, resume=resume, say=log)
         raws, rows = read_all(inputs, config.input, record, config.acquisition)
         names = [Path(raw.value.path).name for raw in raws]
-        scene = record("place", _placing(names), *raws, options=config.registration, n_in=len(raws), count=_n_points)
+        motion = record_motion(config.fusion, record, raws)
+        scene = record("place", _placing(names, len(motion)), *raws, *motion, options=config.registration, n_in=len(raws), count=_n_points)
         scene = record("clean", clean, scene, options=config.filtering, n_in=_n_points(scene.value), count=_n_points)
         found = record("segment", segment, scene, options=config.segmentation, n_in=_n_points(scene.value), count=lambda s: len(s.kinds))
         segments = _edited(out, found, scene.value, resume)
@@ -89,10 +91,11 @@ def _n_points(scene: Scene) -> int:
     return len(scene.scan.cloud)
 
 
-def _placing(names: Sequence[str]) -> Any:
+def _placing(names: Sequence[str], n_motions: int) -> Any:
     def place_inputs(*values: Any) -> Scene:
         *raws, options = values
-        return place_all(tuple(raws), options, names=names)
+        motion = raws.pop().trajectory if n_motions else None
+        return place_all(tuple(raws), options, names=names, motion=motion)
 
     return place_inputs
 

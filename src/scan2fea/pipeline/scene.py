@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from scan2fea.errors import EmptyScanError, require
+from scan2fea.errors import EmptyScanError, InputError, require
 from scan2fea.filtering import FilteringOptions, clean_up, fill_behind
 from scan2fea.io import RawScan
 from scan2fea.kernel.noise import spacing
@@ -70,12 +70,13 @@ def require_extent(points: FloatArray) -> None:
     require(spread[1] > ON_A_LINE * spread[2], EmptyScanError, flat)
 
 
-def place_all(raws: tuple[RawScan, ...], options: RegistrationOptions, *, names: Sequence[str]) -> Scene:
+def place_all(raws: tuple[RawScan, ...], options: RegistrationOptions, *, names: Sequence[str], motion: Trajectory | None = None) -> Scene:
     """The inputs where their files or `registration.poses` put them or where registration finds their place, near the origin.
 
-    Raises InputError for a file of poses that cannot be read or names none of the inputs.
+    motion : of the scanner of the only input, a capture of many turns; told by other sensors (`--imu`). Raises InputError for a file of poses that
+    cannot be read or names none of the inputs, and for a motion of inputs that have none.
     """
-    raws, paths, poses = _unrolled(raws, options, names)
+    raws, paths, poses = _unrolled(raws, options, names, motion)
     own, fixed = [raw.pose_given for raw in raws], [raw.mesh is not None for raw in raws]
     placed = place([raw.scan for raw in raws], poses, list(names), options, is_placed=own, is_fixed=fixed)
     shift = shift_of(placed.scan.cloud.points)
@@ -105,14 +106,17 @@ def place_all(raws: tuple[RawScan, ...], options: RegistrationOptions, *, names:
 
 
 def _unrolled(
-    raws: tuple[RawScan, ...], options: RegistrationOptions, names: Sequence[str]
+    raws: tuple[RawScan, ...], options: RegistrationOptions, names: Sequence[str], motion: Trajectory | None
 ) -> tuple[tuple[RawScan, ...], list[SweepPath], Sequence[FloatArray | None]]:
     """The inputs without motion within them, how their scanners moved, and the pose that `registration.poses` gives each."""
     calibration = Path(options.calibration) if options.calibration else None
-    given = read_trajectory(Path(options.poses)) if options.poses and len(raws) == 1 and raws[0].sweep is not None else None
+    is_capture = len(raws) == 1 and raws[0].sweep is not None
+    says = "--imu tells the motion of a scanner: it needs one capture of many turns whose shots have times (.pcap), alone"
+    require(motion is None or is_capture, InputError, says)
+    given = motion if motion is not None or not options.poses or not is_capture else read_trajectory(Path(options.poses))
     made = [unrolled(raw, frame, options, given) for frame, raw in enumerate(raws)]
     poses: Sequence[FloatArray | None] = [raw.T_world_frame for raw in raws]
-    if options.poses:
+    if options.poses or motion is not None:
         poses = [np.eye(4)] if given is not None else read_poses(Path(options.poses), list(names), calibration)
     return tuple(raw for raw, _ in made), [path for _, path in made if path is not None], poses
 

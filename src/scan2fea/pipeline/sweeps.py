@@ -19,7 +19,7 @@ _PARTS, _FEW = 64, 0.02  # of a turn; a part with so few returns of the fullest 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SweepPath(Value):
     """How the scanner of one input moved. frame : number of the input.   time_s : (k,).   T_frame_knot : (k, 4, 4) to the input's frame.
-    std_m, std_rad : (k,) relative to the first, nan where a file gave the poses.
+    std_m, std_rad : (k,) relative to the first (told by other sensors: to the world), nan where a file gave the poses.
     """
 
     frame: int
@@ -43,8 +43,10 @@ def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Traj
     if given is not None and given.time_s is not None:
         time = time + HOUR_S * round((float(given.time_s[0]) - float(time.min())) / HOUR_S)
         first, share = at_times(given, time)
-        path = SweepPath(frame=frame, time_s=given.time_s, T_frame_knot=given.T_world_frame, std_m=_nan(given), std_rad=_nan(given))
-        return _moved(raw, path, first, share, "its motion was taken out by the trajectory of registration.poses"), path
+        std_m, std_rad = _std(given)
+        path = SweepPath(frame=frame, time_s=given.time_s, T_frame_knot=given.T_world_frame, std_m=std_m, std_rad=std_rad)
+        told = "registration.poses" if given.covariance is None else "the inertial unit and the logs beside it"
+        return replace(_moved(raw, path, first, share, f"its motion was taken out by the trajectory of {told}"), pose_given=True), path
     period = _period(time, raw.sweep)
     if not period > 0:
         return raw, None
@@ -105,8 +107,12 @@ def _without_turns(raw: RawScan) -> tuple[str, ...]:
     return tuple(note for note in raw.notes if "turns, all in the frame of the sensor" not in note)
 
 
-def _nan(given: Trajectory) -> FloatArray:
-    return np.full(len(given.T_world_frame), np.nan)
+def _std(given: Trajectory) -> tuple[FloatArray, FloatArray]:
+    """Standard deviations of place and turn (root of the trace), nan where the trajectory states none."""
+    if given.covariance is None:
+        return np.full(len(given.T_world_frame), np.nan), np.full(len(given.T_world_frame), np.nan)
+    P = given.covariance
+    return np.sqrt(np.trace(P[:, :3, :3], axis1=1, axis2=2)), np.sqrt(np.trace(P[:, 3:, 3:], axis1=1, axis2=2))
 
 
 def _unwrapped(time_s: FloatArray) -> FloatArray:

@@ -1,0 +1,124 @@
+"""Logs of motion sensors: names, units, and rows that cannot be used."""
+
+import numpy as np
+import pytest
+
+from scan2fea.errors import FormatError, InputError
+from scan2fea.io.motion_log import INERTIAL, POSES, POSITIONS, RANGES, kind_of_log, read_inertial, read_positions, read_ranges
+from scan2fea.io.nmea import read_nmea
+from scan2fea.kernel.geodesy import earth_centred, east_north_up, gravity
+
+G = 9.80665
+
+
+def inertial_csv(path, head="time_s,ax_m_s2,ay_m_s2,az_m_s2,gx_rad_s,gy_rad_s,gz_rad_s", rows=None, scale=(1.0, 1.0)):
+    time = np.arange(50) / 100.0
+    rows = np.c_[time, np.tile([0.0, 0.0, G / scale[0]], (50, 1)), np.tile(np.array([0.1, 0.2, 0.3]) / scale[1], (50, 1))] if rows is None else rows
+    path.write_text("\n".join([head, *(",".join(map(repr, row)) for row in np.asarray(rows).tolist())]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("head", "scale"),
+    [
+        ("time_s,ax_m_s2,ay_m_s2,az_m_s2,gx_rad_s,gy_rad_s,gz_rad_s", (1.0, 1.0)),
+        (",".join(["Time (s)", *(f"Accelerometer {a} (g)" for a in "XYZ"), *(f"Gyroscope {a} (deg/s)" for a in "XYZ")]), (G, np.pi / 180)),
+        ("t,acc_x,acc_y,acc_z,gyr_x,gyr_y,gyr_z", (1.0, 1.0)),
+        ("timestamp,accel_x [mg],accel_y [mg],accel_z [mg],gyro_x [dps],gyro_y [dps],gyro_z [dps]", (G * 1e-3, np.pi / 180)),
+        ("time,fx,fy,fz,wx,wy,wz", (G, 1.0)),
+    ],
+)
+def test_names_and_units_are_understood(tmp_path, head, scale):
+    path = inertial_csv(tmp_path / "imu.csv", head, scale=scale)
+    assert kind_of_log(path) == INERTIAL
+    log = read_inertial(path).value
+    np.testing.assert_allclose(log.force, np.tile([0, 0, G], (50, 1)), atol=1e-12)
+    np.testing.assert_allclose(log.rate, np.tile([0.1, 0.2, 0.3], (50, 1)))
+    assert not log.is_gap.any() and log.magnetic is None
+
+
+def test_rows_that_cannot_be_used_are_left_out_and_counted(tmp_path):
+    time = np.arange(200) / 100.0
+    rows = np.c_[time, np.tile([0.0, 0.0, G, 0.1, 0.2, 0.3], (200, 1))]
+    rows[20, 5] = np.nan
+    rows[50, 0] = rows[48, 0]
+    rows = np.delete(rows, slice(100, 150), axis=0)
+    read = read_inertial(inertial_csv(tmp_path / "imu.csv", rows=rows))
+    assert len(read.value) == 148
+    assert np.flatnonzero(read.value.is_gap).tolist() == [98]
+    said = " | ".join(read.notes)
+    assert "1 of 150 rows hold a value that is missing" in said and "1 of 149 times do not rise" in said
+    assert "1 gaps in time, the longest of 0.51 s" in said
+
+
+def test_what_cannot_be_is_refused(tmp_path):
+    backwards = np.c_[np.arange(50)[::-1] / 100.0, np.tile([0.0, 0.0, G, 0.1, 0.2, 0.3], (50, 1))]
+    with pytest.raises(InputError, match="times do not rise"):
+        read_inertial(inertial_csv(tmp_path / "a.csv", rows=backwards))
+    with pytest.raises(InputError, match="by its size it is in g, name the columns ax_g"):
+        read_inertial(inertial_csv(tmp_path / "b.csv", scale=(G, 1.0)))
+    with pytest.raises(InputError, match="2000 degrees per second"):
+        read_inertial(inertial_csv(tmp_path / "c.csv", scale=(1.0, 1e-3)))
+    with pytest.raises(InputError, match="gravity in no unit"):
+        read_inertial(inertial_csv(tmp_path / "d.csv", "t,ax,ay,az,gx,gy,gz", scale=(5.0, 1.0)))
+    with pytest.raises(FormatError, match="rate and specific force"):
+        read_inertial(inertial_csv(tmp_path / "e.csv", "t,a,b,c,d,e,f"))
+    with pytest.raises(FormatError, match="no column is named time"):
+        read_inertial(inertial_csv(tmp_path / "f.csv", "k,ax,ay,az,gx,gy,gz"))
+    with pytest.raises(FormatError, match="a line of names is needed"):
+        kind_of_log(inertial_csv(tmp_path / "g.csv", "# nothing"))
+    (tmp_path / "h.csv").write_text("time,ax\n")
+    with pytest.raises(InputError, match="no rows"):
+        kind_of_log(tmp_path / "h.csv")
+
+
+def test_positions_in_metres_and_in_degrees(tmp_path):
+    (tmp_path / "m.csv").write_text("time_s,x_m,y_m,z_m,sx_m,sy_m,sz_m\n0,1,2,3,0.1,0.1,0.2\n1,2,3,4,0.1,0.1,0.2\n")
+    read = read_positions(tmp_path / "m.csv").value
+    assert kind_of_log(tmp_path / "m.csv") == POSITIONS
+    np.testing.assert_array_equal(read.position, [[1, 2, 3], [2, 3, 4]])
+    assert read.origin is None and read.sigma_m[1, 2] == 0.2
+    (tmp_path / "d.csv").write_text("time,lat,lon,alt\n0,45.0,7.0,300\n1,45.001,7.0,310\n2,45.0,7.001,300\n")
+    read = read_positions(tmp_path / "d.csv").value
+    np.testing.assert_allclose(read.position, [[0, 0, 0], [0, 111.13, 10], [78.85, 0, 0]], atol=0.03)
+    (tmp_path / "w.csv").write_text("time,lat,lon,alt\n0,450.0,7.0,300\n1,45.001,7.0,310\n")
+    with pytest.raises(InputError, match="beyond 90"):
+        read_positions(tmp_path / "w.csv")
+
+
+def test_nmea(tmp_path):
+    body = "GPGGA,{},4807.038,N,01131.000,E,{},08,0.9,545.4,M,46.9,M,,"
+    lines = []
+    for clock, quality in (("235959.00", 1), ("000000.50", 1), ("000001.00", 0), ("000002.00", 4)):
+        text = body.format(clock, quality)
+        checksum = 0
+        for c in text:
+            checksum ^= ord(c)
+        lines.append(f"${text}*{checksum:02X}")
+    lines.insert(1, "$GPGGA,000000.00,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,*00")
+    (tmp_path / "a.nmea").write_text("\r\n".join([*lines, "$GPVTG,1,T"]))
+    rows, notes = read_nmea(tmp_path / "a.nmea")
+    np.testing.assert_allclose(rows[:, 0], [86399, 86400.5, 86402])
+    np.testing.assert_allclose(rows[0, 1:], [48 + 7.038 / 60, 11 + 31 / 60, 592.3])
+    assert "1 sentences with a wrong checksum were left out" in notes and "1 sentences without a fix were left out" in notes
+    assert kind_of_log(tmp_path / "a.nmea") == POSITIONS
+
+
+def test_ranges_and_poses(tmp_path):
+    angle = np.tile(np.linspace(-90, 90, 5), 3)
+    rows = np.c_[np.arange(15) * 0.01, angle, np.where(np.arange(15) % 4 == 0, 0.0, 2.0)]
+    (tmp_path / "r.csv").write_text("time,angle_deg,range\n" + "\n".join(",".join(map(str, row)) for row in rows.tolist()))
+    assert kind_of_log(tmp_path / "r.csv") == RANGES
+    log = read_ranges(tmp_path / "r.csv").value
+    assert log.first.tolist() == [0, 5, 10, 15] and np.isnan(log.range_m).sum() == 4
+    assert log.angle[4] == pytest.approx(np.pi / 2)
+    (tmp_path / "p.txt").write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
+    assert kind_of_log(tmp_path / "p.txt") == POSES
+
+
+def test_the_earth():
+    found = earth_centred(np.array([0.0, np.pi / 2]), np.zeros(2), np.zeros(2))
+    np.testing.assert_allclose(found, [[6378137.0, 0, 0], [0, 0, 6356752.3142]], atol=1e-3)
+    origin = np.array([0.7, 0.2, 100.0])
+    np.testing.assert_allclose(east_north_up(np.array([0.7]), np.array([0.2]), np.array([150.0]), origin), [[0, 0, 50]], atol=1e-6)
+    assert gravity(0.0, 0.0) == pytest.approx(9.7803253359) and gravity(np.pi / 2, 0.0) == pytest.approx(9.8321849, abs=1e-6)

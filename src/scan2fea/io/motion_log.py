@@ -187,7 +187,7 @@ def _one(lower: list[str], names: tuple[str, ...]) -> str | None:
 def _usable(path: Path, rows: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
     """Rows whose numbers are finite and whose times rise."""
     sound = np.isfinite(rows).all(axis=1)
-    notes = (f"{int((~sound).sum())} of {len(rows)} rows hold a value that is missing and were left out",) if not sound.all() else ()
+    notes: tuple[str, ...] = (f"{int((~sound).sum())} of {len(rows)} rows hold a value that is missing and were left out",) if not sound.all() else ()
     rows = rows[sound]
     require(len(rows) > 1, InputError, f"{path}: fewer than two rows hold all their values")
     rising = np.concatenate([[True], rows[1:, 0] > np.maximum.accumulate(rows[:, 0])[:-1]])

@@ -146,7 +146,7 @@ def fused_of(logs: Logs, options: FusionOptions) -> Fused:
 
 def _by_complementary(log: InertialLog, options: FusionOptions) -> Fused:
     found = complementary(log, options)
-    notes = ("attitude alone: the positions of trajectory.txt are zero, and no covariance is stated",)
+    notes: tuple[str, ...] = ("attitude alone: the positions of trajectory.txt are zero, and no covariance is stated",)
     if log.magnetic is None:
         notes += ("the log has no magnetic field: the heading counts from the start and drifts with the bias about the vertical",)
     figures = {
@@ -194,7 +194,7 @@ def _by_particle(logs: Logs, options: FusionOptions) -> Fused:
     high = np.inf if options.map_high_m is None else options.map_high_m
     found = particle(logs.ranges, points[(points[:, 2] >= low) & (points[:, 2] <= high), :2], logs.odometry, options)
     placed = found.trajectory.placed
-    notes = () if placed.all() else (f"{int((~placed).sum())} of {len(placed)} sweeps have no place that is sure: their rows are nan",)
+    notes: tuple[str, ...] = () if placed.all() else (f"{int((~placed).sum())} of {len(placed)} sweeps have no place that is sure: their rows are nan",)
     if logs.odometry is None:
         notes += ("no odometry: any motion of up to about 1 m/s and 1 rad/s was thought possible",)
     figures = {

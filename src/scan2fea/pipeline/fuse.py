@@ -194,7 +194,8 @@ def _by_particle(logs: Logs, options: FusionOptions) -> Fused:
     high = np.inf if options.map_high_m is None else options.map_high_m
     found = particle(logs.ranges, points[(points[:, 2] >= low) & (points[:, 2] <= high), :2], logs.odometry, options)
     placed = found.trajectory.placed
-    notes: tuple[str, ...] = () if placed.all() else (f"{int((~placed).sum())} of {len(placed)} sweeps have no place that is sure: their rows are nan",)
+    unsure = f"{int((~placed).sum())} of {len(placed)} sweeps have no place that is sure: their rows are nan"
+    notes: tuple[str, ...] = () if placed.all() else (unsure,)
     if logs.odometry is None:
         notes += ("no odometry: any motion of up to about 1 m/s and 1 rad/s was thought possible",)
     figures = {

@@ -193,7 +193,7 @@ def continuous() -> None:
         aligned("vqf wheel (no magnetometer)", mine.T_world_frame[:, :3, :3], T[inside, :3, :3], cpu, len(log))
     started = time.process_time()
     fused = kalman(log, odometry=truth)
-    print(f"  ours, Kalman with the steps of that odometry: scale {fused.scale}, taken {dict(fused.taken)}, {time.process_time() - started:.1f} cpu s")
+    print(f"  ours, Kalman with its steps: scale {fused.scale}, taken {dict(fused.taken)}, {time.process_time() - started:.1f} cpu s")
     mine = interpolated(fused.trajectory, way[inside, 0]).T_world_frame[:, :3, :3]
     aligned("ours, Kalman, odometry steps", mine, T[inside, :3, :3], 1.0, len(log))
 

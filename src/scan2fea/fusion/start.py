@@ -19,7 +19,8 @@ from scan2fea.kernel.transforms import matrix_to_quaternion, quaternion_to_matri
 from scan2fea.types import FloatArray, InertialLog, Value
 
 WINDOW_S = 30.0
-HEADINGS, ROUNDS = 8, 3
+HEADINGS, ROUNDS = 8, 4
+NARROW, LINEAR = 3.0, math.radians(2.0)  # of the deviation of the attitude; below this all is linear
 TIE, APART = 6.0, math.radians(30.0)  # of log-likelihood; of heading
 _MOVING_TILT, _RESTING_TILT, _HEADING, _FIELD = 0.25, 0.05, 0.5, 0.35  # rad, standard deviations
 _LEVEL_S, _REST_RATE, _REST_FORCE = 0.5, 0.1, 0.3
@@ -64,27 +65,44 @@ class Begun(Value):
 
 
 def begin(model: Model, events: Events, options: FusionOptions) -> Begun:
-    """The state at the first event and how unsure it is."""
-    window = events.take(np.flatnonzero((events.kind != KNOT) & (events.time_s <= events.time_s[0] + WINDOW_S)))
-    at = float(events.time_s[0])
+    """The state at the first event and how unsure it is; the start that is looked at is doubled until it tells the heading, or is the whole."""
+    at, seconds = float(events.time_s[0]), WINDOW_S
+    while True:
+        window = _window(events, at + seconds)
+        begun = _begun(model, window, at, options)
+        if begun.is_heading_told or at + seconds >= events.time_s[-1]:
+            return begun
+        seconds *= 2.0
+
+
+def _window(events: Events, until_s: float) -> Events:
+    """What is measured up to a moment: positions or poses, and speeds only where there are neither, for with a heading that is far off a close
+    speed misleads a linear filter.
+    """
+    inside = (events.kind != KNOT) & (events.time_s <= until_s)
+    places = inside & (events.kind != SPEED)
+    return events.take(np.flatnonzero(places if int(places.sum()) > 2 else inside))
+
+
+def _begun(model: Model, window: Events, at: float, options: FusionOptions) -> Begun:
+    """The likeliest start as the window has it."""
     level, tilt = _level(model.log, model.row_at(at))
     if POSE in window.kind:
         first = window.z[int(np.argmax(window.kind == POSE))]
-        pose = math.radians(options.pose_deg)
         starts, heading = [quaternion_to_matrix(first[3:])], 0.1
-        tilt = max(3 * pose, 0.1)
+        tilt = max(3 * math.radians(options.pose_deg), 0.1)
     elif POSITION not in window.kind:
         starts, heading = [level], 1e-4  # the world is where it begins
     else:
         starts = [rotation_about((0, 0, 1), 2 * math.pi * k / HEADINGS) @ level for k in range(HEADINGS)]
         heading = _HEADING
-    found = [_tried(model, window, at, R, _spread(window, tilt, heading, options)) for R in starts]
-    best = max(range(len(found)), key=lambda k: found[k][0])
-    score, x, P = found[best]
+    spread = _spread(window, at, tilt, heading, options)
+    found = [_tried(model, window, at, R, spread) for R in starts]
+    score, x, P = max(found, key=lambda row: row[0])
     told = all(score - s > TIE or _apart(x, other) < APART for s, other, _ in found)
     if not told and model.log.magnetic is not None:
         north = _north(model.log, model.row_at(at)) @ level
-        _, x, P = _tried(model, window, at, north, _spread(window, tilt, _FIELD, options))
+        _, x, P = _tried(model, window, at, north, _spread(window, at, tilt, _FIELD, options))
         told = True
     return Begun(x=x, P=P, is_heading_told=told)
 
@@ -110,7 +128,7 @@ def _north(log: InertialLog, row: int) -> FloatArray:
     return rotation_about((0, 0, 1), math.atan2(field[0], field[1]))
 
 
-def _spread(window: Events, tilt: float, heading: float, options: FusionOptions) -> tuple[FloatArray, FloatArray]:
+def _spread(window: Events, at: float, tilt: float, heading: float, options: FusionOptions) -> tuple[FloatArray, FloatArray]:
     """Place and velocity (6,) at the first event with unknown attitude, and P (16, 16)."""
     state, P = np.zeros(6), np.zeros((N_ERROR, N_ERROR))
     bias = (options.gyro_bias, options.acceleration_bias)
@@ -118,7 +136,7 @@ def _spread(window: Events, tilt: float, heading: float, options: FusionOptions)
     for kind in (POSITION, POSE):
         rows = np.flatnonzero(window.kind == kind)[:_FIXES]
         if len(rows) > 1:
-            time, place = window.time_s[rows] - window.time_s[0], window.z[rows, :3]
+            time, place = window.time_s[rows] - at, window.z[rows, :3]
             v = np.median(np.diff(place, axis=0) / np.maximum(np.diff(time), 1e-6)[:, None], axis=0)
             begun = place - time[:, None] * v
             state[:3], state[3:] = np.median(begun, axis=0), v
@@ -138,13 +156,29 @@ def _tried(model: Model, window: Events, at: float, R: FloatArray, spread: tuple
         v = R @ window.z[first_speed[0], :3]
     x = np.concatenate([matrix_to_quaternion(R), v, place, np.zeros(7)])
     row, score = model.row_at(at), -np.inf
-    for k in range(ROUNDS):
-        before, after, told, _ = model.run(window, x, P, row, at)
-        score = -0.5 * float((np.minimum(told[0], model.gates[window.kind]) + told[1]).sum())
-        if k + 1 < ROUNDS:
-            smoothed((before[0], before[1], before[2]), (after[0], after[1]), after[0][-1].copy(), after[1][-1].copy())
-            x = after[0][0].copy()  # the first event is at the start itself
+    events, wide = _with_start(window, at), P
+    for _ in range(ROUNDS):
+        before, after, told, _ = model.run(events, x, P, row, at)
+        score = -0.5 * float((np.minimum(told[0], model.gates[events.kind]) + told[1])[1:].sum())
+        smoothed((before[0], before[1], before[2]), (after[0], after[1]), after[0][-1].copy(), after[1][-1].copy())
+        x, P = after[0][0].copy(), _narrowed(wide, after[1][0])
     return score, x, P
+
+
+def _with_start(window: Events, at: float) -> Events:
+    """The events after a knot at the start itself."""
+    z, noise = np.concatenate([np.zeros((1, 7)), window.z]), np.concatenate([np.eye(6)[None], window.noise])
+    return Events(time_s=np.concatenate([[at], window.time_s]), kind=np.concatenate([[KNOT], window.kind]).astype(np.int64), z=z, noise=noise)
+
+
+def _narrowed(P: FloatArray, found: FloatArray) -> FloatArray:
+    """P with the deviations of the attitude brought down to what was found, taken threefold so that the data hardly count twice: about an attitude
+    that is far off, steps are not linear and what they seem to tell is not so.
+    """
+    narrow = P.copy()
+    sigma = np.maximum(NARROW * np.sqrt(np.diag(found)[:3]), LINEAR)
+    narrow[[0, 1, 2], [0, 1, 2]] = np.minimum(np.diag(P)[:3], sigma**2)
+    return narrow
 
 
 def _apart(a: FloatArray, b: FloatArray) -> float:

@@ -232,7 +232,9 @@ def ximu() -> None:
 def lab() -> None:
     """Kidnapped starts in the simulated lab, as tests/fusion/test_particle.py has them, with other seeds."""
     sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-    from fusion import test_particle as made
+    import importlib
+
+    made = importlib.import_module("fusion.test_particle")
 
     good, first, error = 0, [], []
     for seed in range(100, 140):

@@ -173,29 +173,32 @@ def report(name: str, way: Trajectory, truth: Trajectory, skip_s: float = 0.0) -
 
 
 def continuous() -> None:
+    """Without a magnetometer the heading is free: the inclination alone is compared, and the whole attitude where odometry helps."""
     raw, way = np.loadtxt(folder() / "continuous" / "imu.txt"), np.loadtxt(folder() / "continuous" / "traj.txt")
     log = InertialLog(time_s=raw[:, 0], rate=raw[:, 4:7], force=raw[:, 1:4], is_gap=np.concatenate([[False], np.diff(raw[:, 0]) > 0.1]))
-    T = np.tile(np.eye(4), (len(way), 1, 1))
-    T[:, :3, :3], T[:, :3, 3] = Rotation.from_quat(way[:, 4:8]).as_matrix(), way[:, 1:4]
+    T = homogeneous(Rotation.from_quat(way[:, 4:8]).as_matrix())
+    T[:, :3, 3] = way[:, 1:4]
     truth = Trajectory(T_world_frame=T, placed=np.ones(len(way), bool), time_s=way[:, 0])
-    print(f"continuous, {len(log)} rows over {raw[-1, 0] - raw[0, 0]:.0f} s; reference LiDAR odometry: world and mounting are aligned first")
-    found, cpu = timed(lambda: complementary(log))
+    print(f"continuous, {len(log)} rows over {raw[-1, 0] - raw[0, 0]:.0f} s; reference: LiDAR odometry, its vertical and the mounting are fitted")
     inside = (way[:, 0] > raw[0, 0] + 5) & (way[:, 0] < raw[-1, 0])
-    mine = interpolated(found.trajectory, way[inside, 0]).T_world_frame[:, :3, :3]
-    aligned("ours, alpha filter (no magnetometer)", mine, T[inside, :3, :3], cpu, len(log))
+    right = T[inside, :3, :3]
+
+    def at(R: FloatArray) -> FloatArray:
+        whole = Trajectory(T_world_frame=homogeneous(R), placed=np.ones(len(R), bool), time_s=raw[:, 0])
+        return interpolated(whole, way[inside, 0]).T_world_frame[:, :3, :3]
+
+    inclined("ours, alpha filter", at(complementary(log).trajectory.T_world_frame[:, :3, :3]), right)
     if importlib.util.find_spec("vqf"):
         import vqf
 
         step = float(np.median(np.diff(raw[:, 0])))
-        made, cpu = timed(lambda: vqf.VQF(step).updateBatch(np.ascontiguousarray(log.rate), np.ascontiguousarray(log.force)))
-        R = Rotation.from_quat(made["quat6D"][:, [1, 2, 3, 0]]).as_matrix()
-        mine = interpolated(Trajectory(T_world_frame=homogeneous(R), placed=np.ones(len(R), bool), time_s=raw[:, 0]), way[inside, 0])
-        aligned("vqf wheel (no magnetometer)", mine.T_world_frame[:, :3, :3], T[inside, :3, :3], cpu, len(log))
+        made = vqf.VQF(step).updateBatch(np.ascontiguousarray(log.rate), np.ascontiguousarray(log.force))
+        inclined("vqf wheel", at(Rotation.from_quat(made["quat6D"][:, [1, 2, 3, 0]]).as_matrix()), right)
     started = time.process_time()
     fused = kalman(log, odometry=truth)
     print(f"  ours, Kalman with its steps: scale {fused.scale}, taken {dict(fused.taken)}, {time.process_time() - started:.1f} cpu s")
     mine = interpolated(fused.trajectory, way[inside, 0]).T_world_frame[:, :3, :3]
-    aligned("ours, Kalman, odometry steps", mine, T[inside, :3, :3], 1.0, len(log))
+    aligned("ours, Kalman, odometry steps", mine, right)
 
 
 def homogeneous(R: FloatArray) -> FloatArray:
@@ -204,21 +207,30 @@ def homogeneous(R: FloatArray) -> FloatArray:
     return T
 
 
-def aligned(name: str, found: FloatArray, truth: FloatArray, cpu: float, n: int) -> None:
+def aligned(name: str, found: FloatArray, truth: FloatArray) -> None:
     """Errors after one turn of the world and one of the mounting, both by least squares in turn (A found B = truth)."""
     A, B = Rotation.identity(), Rotation.identity()
     mine, right = Rotation.from_matrix(found), Rotation.from_matrix(truth)
     for _ in range(50):
         A = (right * (mine * B).inv()).mean()
         B = ((A * mine).inv() * right).mean()
-    error = (A * mine * B) * right.inv()
+    error = ((A * mine * B) * right.inv()).as_rotvec(degrees=True)
     up = A.apply([0.0, 0.0, 1.0])  # our vertical in the world of the reference
-    rotvec = error.as_rotvec(degrees=True)
-    heading = rotvec @ up
-    tilt = np.linalg.norm(rotvec - heading[:, None] * up, axis=1)
-    rms = (np.degrees(np.sqrt((error.magnitude() ** 2).mean())), np.sqrt((heading**2).mean()), np.sqrt((tilt**2).mean()))
-    told(name, (float(rms[0]), float(rms[1]), float(rms[2])), cpu, n)
-    print(f"    mounting found: {np.degrees(B.magnitude()):.2f} deg")
+    heading = error @ up
+    tilt = np.linalg.norm(error - heading[:, None] * up, axis=1)
+    rms = [float(np.sqrt((part**2).mean())) for part in (np.linalg.norm(error, axis=1), heading, tilt)]
+    print(f"  {name:<34} total {rms[0]:6.2f}  heading {rms[1]:6.2f}  inclination {rms[2]:6.2f} deg; mounting {np.degrees(B.magnitude()):.2f} deg")
+
+
+def inclined(name: str, found: FloatArray, truth: FloatArray) -> None:
+    """Angle between the vertical as the filter has it and one fixed direction of the reference's world, both in the body."""
+    mine, up, B = found[:, 2, :].copy(), np.array([0.0, 0.0, 1.0]), Rotation.identity()
+    for _ in range(50):
+        up = np.einsum("kij,kj->i", truth, B.apply(mine))
+        up /= np.linalg.norm(up)
+        B = Rotation.align_vectors(np.einsum("kji,j->ki", truth, up), mine)[0]
+    angle = np.degrees(np.arccos(np.clip((B.apply(mine) * np.einsum("kji,j->ki", truth, up)).sum(axis=1), -1, 1)))
+    print(f"  {name:<34} inclination {np.sqrt((angle**2).mean()):.2f} deg rms, largest {angle.max():.2f}; mounting {np.degrees(B.magnitude()):.2f} deg")
 
 
 def ximu() -> None:
@@ -231,11 +243,10 @@ def ximu() -> None:
 
 def lab() -> None:
     """Kidnapped starts in the simulated lab, as tests/fusion/test_particle.py has them, with other seeds."""
-    sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-    import importlib
-
-    made = importlib.import_module("fusion.test_particle")
-
+    spec = importlib.util.spec_from_file_location("lost_in_the_lab", Path(__file__).parents[1] / "tests" / "fusion" / "test_particle.py")
+    assert spec is not None and spec.loader is not None
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
     good, first, error = 0, [], []
     for seed in range(100, 140):
         poses = made.way(seed, 60)

@@ -35,9 +35,9 @@ def register_files(inputs: Sequence[Path], out: Path, config: Config) -> dict[st
     with tempfile.TemporaryDirectory() as folder:
         record = Record(Path(folder), resume=False)
         raws, rows = read_all(inputs, config.input, record, config.acquisition)
-        told = record_motion(config.fusion, record, raws)
+        moved = record_motion(config.fusion, record, raws)
     names = [Path(raw.value.path).name for raw in raws]
-    motion = told[0].value.trajectory if told else None
+    motion = moved[0].value.trajectory if moved else None
     scene = place_all(tuple(raw.value for raw in raws), config.registration, names=names, motion=motion)
     try:
         out.mkdir(parents=True, exist_ok=True)

@@ -230,7 +230,7 @@ def inclined(name: str, found: FloatArray, truth: FloatArray) -> None:
         up /= np.linalg.norm(up)
         B = Rotation.align_vectors(np.einsum("kji,j->ki", truth, up), mine)[0]
     angle = np.degrees(np.arccos(np.clip((B.apply(mine) * np.einsum("kji,j->ki", truth, up)).sum(axis=1), -1, 1)))
-    print(f"  {name:<34} inclination {np.sqrt((angle**2).mean()):.2f} deg rms, largest {angle.max():.2f}; mounting {np.degrees(B.magnitude()):.2f} deg")
+    print(f"  {name:<34} tilt {np.sqrt((angle**2).mean()):.2f} deg rms, largest {angle.max():.2f}; mounting {np.degrees(B.magnitude()):.2f} deg")
 
 
 def ximu() -> None:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammainccinv
 
 from scan2fea.errors import FusionError, InputError, require
 from scan2fea.fusion.kalman_kernels import KNOT, N_STATE, POSE, POSITION, SPEED, smoothed
@@ -72,7 +72,8 @@ def kalman(
     given = gps is not None or odometry is not None or poses is not None
     require(len(log) > 2 and given, InputError, "a place needs positions, odometry or poses beside the inertial log; or use `complementary`")
     events = events_of(log, gps, odometry, poses, options)
-    gates = np.array([chi2.isf(options.gate, _DIMENSIONS[k]) if options.gate > 0 else np.inf for k in sorted(_DIMENSIONS)])
+    # the chi-square quantile of _DIMENSIONS degrees of freedom
+    gates = np.array([2.0 * gammainccinv(_DIMENSIONS[k] / 2, options.gate) if options.gate > 0 else np.inf for k in sorted(_DIMENSIONS)])
     world = world_of(None if gps is None else gps.origin)
     model = Model(log=log, world=world, density=densities(log, options), gates=gates, antenna=np.array(options.antenna_m, float))
     begun = begin(model, events, options)

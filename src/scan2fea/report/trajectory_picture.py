@@ -86,7 +86,7 @@ def _panel(draw: Any, box: Box, time: FloatArray, title: str, lines: list[tuple[
         return np.asarray(y1 - (values - low) / (high - low) * (y1 - y0))
 
     across = x0 + (time - time[0]) / max(float(time[-1] - time[0]), 1e-9) * (x1 - x0)
-    for value in ticks(low, high, 3):
+    for value in ticks(low, high, 5):
         y = float(down(np.array(value)))
         draw.line([(x0, y), (x1, y)], fill=_FAINT)
         draw.text((x0 - 52, y - 6), f"{value:g}", fill=_INK)

@@ -23,7 +23,8 @@ LEAST_SHARED = 40  # sparse points that both photographs show
 FLATTEST, STEEPEST = np.radians(2.0), np.radians(40.0)  # between two lines of sight to a point: nothing told below, nothing alike above
 AHEAD = np.cos(np.radians(30.0))  # a camera that moved along its view has no common rows: cosine of baseline and viewing axis
 WIDEST = 2.0  # of the picture's size, that a rectified one may have
-_MARGIN = 0.25  # of the range of the sparse points' disparities, added on either side
+MOST_DISPARITIES = 320.0  # px: pairs that span more are matched in coarser pictures: they tell as much as nearer pairs in fine ones
+_MARGIN = 0.15  # of the range of the sparse points' disparities, added on either side
 _MIXED_PX = 0.5  # nearest and interpolated disparity differ by more: two surfaces
 _STEADY = 3.0  # standard deviations that estimates may differ by
 
@@ -94,22 +95,17 @@ def told_by(a: View, b: View, pictures: tuple[Picture, Picture], points: FloatAr
     None where it cannot be rectified.
     """
     T = inverse(b.T_world_camera) @ a.T_world_camera
+    shared, ia, ib = np.intersect1d(a.point, b.point, return_indices=True)
     common = _common(pictures, T)
     if common is None:
         return None
-    empty = np.zeros(4)
-    turned = [
-        warped(p.grey, Camera(K=p.K, distortion=empty), R, K, common.size)
-        for p, R, K in zip(pictures, (common.R_rect_left, common.R_rect_right), (common.K_left, common.K_right), strict=True)
-    ]
-    shared, ia, ib = np.intersect1d(a.point, b.point, return_indices=True)
-    z = (points[shared] - a.T_world_camera[:3, 3]) @ (a.T_world_camera[:3, :3] @ common.R_rect_left[2])
-    d = common.K_left[0, 0] * common.baseline_m / z[z > 0] + common.offset_px
-    if len(d) < LEAST_SHARED:
-        return None
-    low, high = np.percentile(d, [0.5, 99.5])
-    margin = _MARGIN * (high - low) + 8.0
-    least, most = float(low - margin), float(high + margin)
+    least, most = _range(common, a, points[shared])
+    if most - least > MOST_DISPARITIES:
+        common = _common(pictures, T, MOST_DISPARITIES / (most - least))
+        if common is None:
+            return None
+        least, most = _range(common, a, points[shared])
+    turned = _turned(pictures, common)
     both = sgbm(turned[0], turned[1], least, most), sgbm_right(turned[0], turned[1], least, most)
     left = checked(turned[0], turned[1], *both)
     right = checked(_mirror(turned[1]), _mirror(turned[0]), _mirror(both[1]), _mirror(both[0]))
@@ -120,12 +116,32 @@ def told_by(a: View, b: View, pictures: tuple[Picture, Picture], points: FloatAr
     return *told, _row_errors(a, b, common, np.asarray(ia, np.int64), np.asarray(ib, np.int64))
 
 
+def _range(common: Rectified, a: View, points: FloatArray) -> tuple[float, float]:
+    """Least and most disparity to look for, from the points that both photographs show."""
+    z = (points - a.T_world_camera[:3, 3]) @ (a.T_world_camera[:3, :3] @ common.R_rect_left[2])
+    low, high = np.percentile(common.K_left[0, 0] * common.baseline_m / np.maximum(z, 1e-12) + common.offset_px, [0.5, 99.5])
+    margin = _MARGIN * (high - low) + 8.0
+    return float(low - margin), float(high + margin)
+
+
+def _turned(pictures: tuple[Picture, Picture], common: Rectified) -> list[ByteArray]:
+    """The grey pictures as the turned cameras show them, smoothed first where these are coarser."""
+    import cv2
+
+    turned = []
+    for p, R, K in zip(pictures, (common.R_rect_left, common.R_rect_right), (common.K_left, common.K_right), strict=True):
+        coarser = p.K[1, 1] / K[1, 1]
+        grey = p.grey if coarser < 1.2 else np.asarray(cv2.GaussianBlur(p.grey, (0, 0), 0.5 * coarser), np.uint8)
+        turned.append(warped(grey, Camera(K=p.K, distortion=np.zeros(4)), R, K, common.size))
+    return turned
+
+
 def _mirror(values: Any) -> Any:
     return np.ascontiguousarray(values[:, ::-1])
 
 
-def _common(pictures: tuple[Picture, Picture], T_b_a: FloatArray) -> Rectified | None:
-    """Common axes with room for what both pictures show."""
+def _common(pictures: tuple[Picture, Picture], T_b_a: FloatArray, shrink: float = 1.0) -> Rectified | None:
+    """Common axes with room for what both pictures show; `shrink` of their focal length."""
     R, t = T_b_a[:3, :3], T_b_a[:3, 3]
     baseline = float(np.linalg.norm(t))
     x = -R.T @ t / baseline
@@ -134,7 +150,7 @@ def _common(pictures: tuple[Picture, Picture], T_b_a: FloatArray) -> Rectified |
     z = z / np.linalg.norm(z)
     axes = np.stack([x, np.cross(z, x), z])
     turn = (axes, axes @ R.T)
-    focal = float(np.mean([p.K[1, 1] for p in pictures]))
+    focal = shrink * float(np.mean([p.K[1, 1] for p in pictures]))
     boxes = [_box(p, own, focal) for p, own in zip(pictures, turn, strict=True)]
     if any(box is None for box in boxes):
         return None

@@ -19,7 +19,7 @@ class AcquisitionOptions:
     scale: str = option("", 'Length that photographs do not tell: "0.25 m between targets A B" or "1.2 m between cameras 01.jpg 02.jpg"')
     known_length: str = option("", 'The same between two places of one photograph, pixels: "0.8 m 03.jpg 120,340 810,355"')
     max_px: int = option(1600, "Longer side of a photograph when depths are matched; larger ones are reduced", unit="px", minimum=200)
-    neighbours: int = option(4, "Other photographs that each one is matched with", minimum=1)
+    neighbours: int = option(3, "Other photographs that each one is matched with", minimum=1)
     depth_per_m: float = option(1000.0, "Grey values of a depth image per metre", minimum=1e-3)
     max_depth_m: float = option(5.0, "Farther values of a depth camera are left out: its error grows with the square of the distance", minimum=0.1)
     cone_deg: float | None = option(

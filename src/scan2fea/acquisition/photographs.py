@@ -54,7 +54,10 @@ def from_photographs(paths: Sequence[Path], options: AcquisitionOptions) -> Acqu
     scale = scale_of(wanted, solved, depths, pictures) if wanted is not None else None
     frames = _frames(paths, solved, scans, {**reason, **solved.reason}, scale)
     how = _how(solved, depths, kept, rows, n_pairs, scale, headers)
-    return Acquired(frames=frames, unit_source="option" if scale else "unknown", how=how, notes=_notes(usable, headers, solved, kept, scale))
+    said = ("--calibration is of stereo pairs: the lens of photographs is found from them",) if options.calibration else ()
+    return Acquired(
+        frames=frames, unit_source="option" if scale else "unknown", how=how, notes=(*said, *_notes(usable, headers, solved, kept, scale))
+    )  # fmt: skip
 
 
 def _headers(paths: Sequence[Path]) -> tuple[dict[Path, Header], dict[str, str]]:

@@ -17,6 +17,7 @@ STEADY = 3.0  # standard deviations within which two photographs say the same
 STEP = 2  # every second pixel of every second row is asked: nearer ones were told by the same window
 _SAME = 0.02  # of the depth: farther apart are two surfaces, one before the other, which tells nothing of the errors
 _LEAST_PAIRS = 2  # of a view's pairs that must agree, where it has so many
+_NINE_TENTHS = 1.645  # standard deviations of a Gaussian that hold nine of ten: wrong matches have longer tails than noise, and count
 _EVERY = 7  # comparisons from which the scatter is told
 
 
@@ -55,7 +56,7 @@ def confirmed(views: Sequence[View], pictures: Sequence[Picture], depths: Sequen
     }
     drawn = [ratio[same][::_EVERY] for ratio, same, _ in compared.values()]
     ratios = np.concatenate(drawn) if drawn else np.zeros(0)
-    factor = max(1.0, float(1.4826 * np.median(ratios))) if len(ratios) else 1.0
+    factor = max(1.0, float(np.percentile(ratios, 90.0)) / _NINE_TENTHS) if len(ratios) else 1.0
     kept, near, seen = [], 0, 0
     for i in range(n):
         own, beaten = np.zeros(len(places[i].w), bool), np.zeros(len(places[i].w), bool)

@@ -134,9 +134,9 @@ def test_given_labels_and_single():
     with pytest.raises(SegmentationError, match="--labels"):
         segment_scene(Scan(cloud=PointCloud.of(np.zeros((5, 3)))), SegmentationOptions(method="given"))
     assert segment_scene(Scan(cloud=cloud), SegmentationOptions(method="single")).labels.tolist() == [0] * 5
-    with pytest.raises(UsageError, match="euclidean, kmeans, fuzzy_cmeans, agglomerative, divisive, given, single"):
+    with pytest.raises(UsageError, match="euclidean, kmeans, fuzzy_cmeans, agglomerative, divisive, learned, primitives, given, single"):
         segment_scene(Scan(cloud=cloud), SegmentationOptions(method="eucledean"))
-    assert set(METHODS) == {"euclidean", "kmeans", "fuzzy_cmeans", "agglomerative", "divisive", "given", "single"}
+    assert set(METHODS) == {"euclidean", "kmeans", "fuzzy_cmeans", "agglomerative", "divisive", "learned", "primitives", "given", "single"}
 
 
 # ---- what is one object stays one object, whatever its planes

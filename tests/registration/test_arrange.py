@@ -128,6 +128,11 @@ def test_parts_that_lie_beside_each_other_stay():
     assert placed.notes[0].startswith("b: stays as it lies, beside the other inputs")
 
 
+def test_free_believes_no_place_beside_the_others_either():
+    scans = [scans_of()[0], Scan(cloud=PointCloud.of(np.random.default_rng(1).random((5000, 3)) * [1, 1, 0.001] + [20.0, 0, 0]))]
+    assert place(scans, [None, None], ["a", "b"], FREE).trajectory.placed.tolist() == [True, False]
+
+
 def test_an_input_with_faces_is_never_moved():
     G = rigid(random_rotation(1), [0.5, 0.2, 0.3])
     scans = scans_of((None, G, None))

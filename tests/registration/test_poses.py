@@ -6,7 +6,7 @@ import pytest
 
 from scan2fea.errors import FormatError, InputError
 from scan2fea.kernel.transforms import matrix_to_quaternion, quaternion_to_matrix, random_rotation, rigid
-from scan2fea.registration import read_poses
+from scan2fea.registration import read_poses, read_trajectory
 
 POSES = [rigid(random_rotation(i), [i, 2.0, -0.5]) for i in range(3)]
 NAMES = ["a/scan_000.ply", "scan_001.ply", "scan_002.ply"]
@@ -148,3 +148,14 @@ def test_what_is_wrong_with_a_calibration(text, said, tmp_path):
         read_poses(path, NAMES, calibration)
     with pytest.raises(InputError, match="no such file of calibration"):
         read_poses(path, NAMES, tmp_path / "none.txt")
+
+
+def test_times_that_do_not_rise_are_named_by_their_line(tmp_path):
+    path = tmp_path / "way.txt"
+    path.write_text("# t x y z q\n1.0 0 0 0 0 0 0 1\n1.2 1 0 0 0 0 0 1\n1.1 2 0 0 0 0 0 1\n")
+    with pytest.raises(FormatError, match=r"line 4: its time 1.1 s is not after the 1.2 s before it: sort the poses by time"):
+        read_trajectory(path)
+    path.write_text("1.0 0 0 0 0 0 0 1\n1.2 1 0 0 0 0 0 1\n")
+    assert read_trajectory(path).time_s.tolist() == [1.0, 1.2]
+    path.write_text("bmesh a.ply 0 0 0 0 0 0 1\n")
+    assert read_trajectory(path) is None

@@ -85,7 +85,7 @@ class _State:
 
     def __init__(self, T_given: Sequence[FloatArray | None], names: Sequence[str], free: bool, unknown: str) -> None:
         n = len(T_given)
-        self.unknown = unknown
+        self.unknown, self.free = unknown, free
         self.names = names
         self.pose = [np.eye(4) if T is None else np.array(T, float) for T in T_given]
         self.how = ["as it lies" if T is None or free else "kept" for T in T_given]
@@ -296,7 +296,7 @@ def _register_rest(surfaces: Sequence[Surface], usable: Sequence[int], trusted: 
             continue
         if found.placed[k]:
             state.pose[k], state.how[k], state.std[k] = found.T_world_frame[k], "registered", _std(found.covariance[k])
-        elif not state.unknown and _is_apart(surfaces, k, usable, state.pose):
+        elif not (state.unknown or state.free) and _is_apart(surfaces, k, usable, state.pose):
             state.notes.append(f"{state.names[k]}: stays as it lies, beside the other inputs: {found.reasons[k]}")
         else:
             state.how[k] = "left out"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from scan2fea.kernel.transforms import applied, rotated
 from scan2fea.registration.arrange import Arranged, arrange
 from scan2fea.registration.options import RegistrationOptions
 from scan2fea.registration.register import Link
+from scan2fea.registration.uncertainty import with_pose_noise
 from scan2fea.types import FloatArray, PointCloud, Rays, Scan, Trajectory, Value
 
 _QUERIES = 2_000  # points of a frame that are compared
@@ -82,7 +83,11 @@ def place(
         unknown = f"{options.poses} gives no pose for it" if options.poses else ""
         arranged = arrange(scans, given, fixed, names, free=options.mode == "free", correct=options.correct, unknown=unknown, seed=options.seed)
     poses = [T if ok else None for T, ok in zip(arranged.T_world_frame, arranged.placed, strict=True)]
-    moved = [_moved(scan, T, frame) for frame, (scan, T) in enumerate(zip(scans, poses, strict=True)) if T is not None]
+    moved = [
+        _doubted(_moved(scan, T, frame), arranged.std_m[frame], arranged.std_rad[frame])
+        for frame, (scan, T) in enumerate(zip(scans, poses, strict=True))
+        if T is not None
+    ]
     require(sum(len(scan.cloud) for scan in moved), EmptyScanError, "no input is left after placing: none has a point and a pose")
     scan = joined(moved)
     agreement, limit = _agreement(scan, n)
@@ -115,6 +120,10 @@ def _as_told(scans: Sequence[Scan], T_world_frame: Sequence[FloatArray | None], 
         links=(),
         notes=tuple(f"{names[k]}: left out, {reasons[k]}" for k in np.flatnonzero(~placed).tolist()),
     )
+
+
+def _doubted(scan: Scan, std_m: float, std_rad: float) -> Scan:
+    return replace(scan, cloud=with_pose_noise(scan.cloud, float(std_m), float(std_rad)))
 
 
 def _moved(scan: Scan, T_world_frame: FloatArray, frame: int) -> Scan:

@@ -60,7 +60,10 @@ def read_calibration(path: Path) -> FloatArray:
 
 
 def read_trajectory(path: Path) -> Trajectory | None:
-    """The way of one sensor from a file of the TUM form, whose times rise; None for any other file of poses. Raises FormatError."""
+    """The way of one sensor from a file of the TUM form; None for any other file of poses.
+
+    Raises FormatError, for times that do not rise too: which pose was when is then not known.
+    """
     if not path.is_file() or path.suffix.lower() == ".npy" or path.stat().st_size > _LARGEST_BYTES:
         return None
     try:
@@ -71,8 +74,10 @@ def read_trajectory(path: Path) -> Trajectory | None:
     if len(rows) < 2 or any(len(words) != 8 or words[0].startswith("v") for _, words in rows):
         return None
     time = np.array([_numbers(path, i, words[:1])[0] for i, words in rows])
-    if not bool((np.diff(time) > 0).all()):
-        return None
+    back = np.flatnonzero(np.diff(time) <= 0)
+    if len(back):
+        (line, _), late, early = rows[int(back[0]) + 1], float(time[back[0]]), float(time[back[0] + 1])
+        raise FormatError(f"{path}, line {line}: its time {early:g} s is not after the {late:g} s before it: sort the poses by time")
     T = np.array([_quaternion_pose(path, i, words[1:]) for i, words in rows])
     return Trajectory(T_world_frame=T, placed=np.ones(len(T), bool), time_s=time)
 

@@ -29,7 +29,7 @@ from scan2fea.simulation.sampling import SamplingOptions, sampled_solid
 from scan2fea.simulation.solids import Solid
 from scan2fea.thesis.bench import Bench
 from scan2fea.thesis.canvas import FAINT, INK, RED, Canvas, Panel
-from scan2fea.thesis.clouds import BEAM, COARSE_M, clustering, filter_options, lab_scan, middle_stretch
+from scan2fea.thesis.clouds import BEAM, VOXEL_M, clustering, filter_options, lab_scan, middle_stretch
 from scan2fea.thesis.experiment import Cell, Made, Table
 from scan2fea.thesis.published import stated
 from scan2fea.types import FloatArray, PointCloud, Scan
@@ -60,14 +60,14 @@ def isolation(bench: Bench) -> Made:
         rows.append((noise_mm, *overlap))
     head = ("noise, mm", "overlap (IoU), radius 0.5 in as the thesis", "overlap (IoU), radius from the data")
     says = (
-        "Overlap of the beam's points with the cluster that fits it best, after filter and voxels of 11.8 mm; 1 is perfect, above 0.5 the beam "
+        "Overlap of the beam's points with the cluster that fits it best, after filter and voxels of 0.1 in; 1 is perfect, above 0.5 the beam "
         "is the cluster."
     )
     return Made(table=Table(head=head, rows=tuple(rows)), says=(says,))
 
 
 def _isolated(scan: Scan) -> tuple[float, float]:
-    cloud = clean_up(Scan(cloud=scan.cloud), filter_options(COARSE_M)).scan.cloud
+    cloud = clean_up(Scan(cloud=scan.cloud), filter_options(VOXEL_M)).scan.cloud
     truth = np.asarray(cloud.label)
     out = []
     for options in (clustering(30), clustering(30, radius_m=None)):
@@ -152,8 +152,12 @@ def view_map(bench: Bench) -> Made:
 
 def member_map(bench: Bench) -> Made:
     """Hypothesis 2: the member's way by what was seen, and noise."""
-    noises = (0.0, 2.0, 6.0) if bench.options.quick else NOISES_MM
-    return _map(bench, "member", noises, list(VIEWS)[:3], "seen", "Member at a spacing of 8 mm: share that converts")
+    return _map(bench, "member", *_member_cells(bench), "seen", "Member at a spacing of 8 mm: share that converts")
+
+
+def _member_cells(bench: Bench) -> tuple[tuple[float, ...], list[str]]:
+    """Noises and views of the map of members; a fit takes seconds, so a quick run has four cells."""
+    return ((0.0, 6.0), ["all round", "outer faces"]) if bench.options.quick else (NOISES_MM, list(VIEWS)[:3])
 
 
 def trials(bench: Bench, kind: str, noise_mm: float, column: str) -> Trial:
@@ -237,8 +241,9 @@ def limits(bench: Bench) -> Made:
     for column in (f"{s:g}" for s in SPACINGS_MM):
         good = [n for n in noises if trials(bench, "free", n, column).success == 1]
         rows.append(("free form", f"spacing {float(column) / (1e3 * WALL_M):.2f} walls", None if not good else max(good) / (1e3 * WALL_M)))
-    for view in list(VIEWS)[:3]:
-        good = [n for n in ((0.0, 2.0, 6.0) if bench.options.quick else NOISES_MM) if trials(bench, "member", n, view).success == 1]
+    tried, views = _member_cells(bench)
+    for view in views:
+        good = [n for n in tried if trials(bench, "member", n, view).success == 1]
         rows.append(("member", f"{view}, spacing {8 / (1e3 * WALL_M):.2f} walls", None if not good else max(good) / (1e3 * WALL_M)))
     head = ("way", "condition", "most noise that converts, in walls")
     says = (

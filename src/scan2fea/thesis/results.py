@@ -46,7 +46,7 @@ def mesh_picture_of(case: str, mesh: str, stage: str) -> Callable[[Bench], Made]
         else:
             found = step(bench, case, mesh, stage)
             shown, says = found.mesh, [f"{NAMES[mesh]}, {stage}: {found.done}."]
-            if stage in ("perturb", "exude"):
+            if stage in ("perturb", "exude") and len(found.tets):
                 says.append("Tets change inside; the vertices of the surface are held, so that it looks as after ODT.")
         return Made(picture=mesh_figure(shown, views, SHADES), says=(*says, *_quick(bench, case)))
 

@@ -131,4 +131,4 @@ def test_an_object_that_was_built_as_a_member_has_its_kind():
     guesses[2], guesses[4] = Guess(kind="box", confidence=0.91), Guess(kind="I", confidence=0.87654)
     rows = with_kinds([{"id": 1, "member": {"family": "CHS"}}, {"id": 2}], chosen, guesses)
     assert [row["kind"] for row in rows] == ["pipe", "box"]
-    assert rows[0]["guess"] == {"kind": "I", "confidence": 0.877, "source": "network"}
+    assert rows[0]["guess"] == {"kind": "I", "confidence": 0.876, "source": "network"}

@@ -47,8 +47,9 @@ def kinds_of(scene: Scene, segments: Segments, options: SegmentationOptions = Se
 
 
 def guess_row(guess: Guess) -> dict[str, Any]:
-    """kind, confidence (three digits: the last ones of a network are those of the machine) and where they come from."""
-    return {"kind": guess.kind, "confidence": number(round(guess.confidence, 3)), "source": guess.source}
+    """kind, confidence (three digits, cut off: the last ones of a network are those of the machine, and no guess is certain) and who says so."""
+    sure = number(guess.confidence)
+    return {"kind": guess.kind, "confidence": None if sure is None else min(math.floor(1000 * sure) / 1000, 0.999), "source": guess.source}
 
 
 def with_kinds(objects: Sequence[Mapping[str, Any]], chosen: Selection, kinds: Sequence[Guess]) -> list[dict[str, Any]]:

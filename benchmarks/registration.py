@@ -3,7 +3,7 @@
     SCAN2FEA_DATA=DATA python benchmarks/registration.py [CASE...]        cases: bunny kitti 3dmatch gicp pcl demo
 
 Peers are used where they can be imported (never in the project's own environment): small_gicp (point to plane and GICP from 4
-degrees and 3 edges off).
+degrees and 3 edges off), kiss-matcher (pairs without a start).
 Nothing is asserted: the figures are in docs/registration.md.
 """
 
@@ -116,6 +116,36 @@ def pairs(name: str, scans: Sequence[Scan], truth: Sequence[FloatArray]) -> None
     print(f"accepted below that overlap {int((table[:, 1] > 0).sum() - good.sum())}; {table[:, 4].mean():.2f} cpu s a pair")
 
 
+def against_kiss_matcher(name: str, scans: Sequence[Scan], truth: Sequence[FloatArray]) -> None:
+    """Each pair without a start, ours and kiss-matcher on the same voxel means. Right: within 3 degrees and 4 edges."""
+    if importlib.util.find_spec("kiss_matcher") is None:
+        print("  kiss_matcher is not installed here")
+        return
+    import kiss_matcher
+
+    edge = common_edge([scan.cloud.points for scan in scans])
+    surfaces = [surface_of(scan, edge) for scan in scans]
+    rows: dict[str, list[tuple[float, float, float, bool]]] = {"ours": [], "kiss-matcher": []}
+    for b in range(len(scans)):
+        for a in range(b):
+            known, centre = inverse(truth[a]) @ truth[b], surfaces[b].points.mean(axis=0)
+            started = time.process_time()
+            link = Matcher([surfaces[a], surfaces[b]], 0).search(0, 1)
+            cpu = time.process_time() - started
+            if link is not None:
+                rows["ours"].append((*error(link.T_target_source, known, centre), cpu, link.used))
+            started = time.process_time()
+            found = kiss_matcher.KISSMatcher(kiss_matcher.KISSMatcherConfig(edge)).estimate(surfaces[b].points, surfaces[a].points)
+            T = rigid(np.asarray(found.rotation), np.asarray(found.translation).ravel())
+            rows["kiss-matcher"].append((*error(T, known, centre), time.process_time() - started, True))
+    for how, values in rows.items():
+        table = np.array(values, float).reshape(-1, 4)
+        right = (table[:, 0] < 3.0) & (table[:, 1] < 4.0 * edge)
+        middle = np.median(table[right, :2], axis=0) if right.any() else np.full(2, np.nan)
+        print(f"  {name} pairs, {how}: {int(right.sum())} of {len(scans) * (len(scans) - 1) // 2} right, {int(table[:, 3].sum())} accepted,", end=" ")
+        print(f"median of the right {middle[0]:.2f} deg {1e3 * middle[1]:.0f} mm, {table[:, 2].mean():.2f} cpu s a pair")
+
+
 def refinement(name: str, scans: Sequence[Scan], truth: Sequence[FloatArray]) -> None:
     """From 4 degrees and 3 edges off: ours and small_gicp's on the same voxel means."""
     edge = common_edge([scan.cloud.points for scan in scans])
@@ -182,6 +212,7 @@ def main(names: Sequence[str]) -> None:
         all_frames(name, scans, truth)
         pairs(name, scans, truth)
         refinement(name, scans, truth)
+        against_kiss_matcher(name, scans, truth)
 
 
 if __name__ == "__main__":

@@ -67,7 +67,7 @@ def test_what_cannot_be_fused_has_one_line(tmp_path, capsys):
     assert "beside the inertial log" in says(3, imu)
     assert "needs an inertial log" in says(3, gps)
     assert "second log of positions" in says(2, imu, gps, gps)
-    assert "no such file" in says(3, imu, str(tmp_path / "none.csv")).lower() or True
+    assert "cannot be read (No such file" in says(3, imu, str(tmp_path / "none.csv"))
     assert "--map SCAN" in says(3, imu, "--method", "particle")
     assert "did you mean" in says(2, imu, gps, "--set", "fusion.gps=1", "--set", "fusion.tau=1")
     degrees = np.loadtxt(imu, delimiter=",", skiprows=1)
@@ -75,7 +75,7 @@ def test_what_cannot_be_fused_has_one_line(tmp_path, capsys):
     wrong = tmp_path / "logs" / "degrees.csv"
     head = "time_s,ax_m_s2,ay_m_s2,az_m_s2,gx_rad_s,gy_rad_s,gz_rad_s"
     np.savetxt(wrong, degrees, delimiter=",", header=head, comments="")
-    assert "in degrees per second, not radians" in says(3, str(wrong), gps).replace("are in", "in")
+    assert "in degrees per second, not radians" in says(3, str(wrong), gps)
     assert main(["fuse", str(wrong), gps, "-o", out, "--set", "fusion.angle_unit=deg"]) == 0
 
 

@@ -207,6 +207,9 @@ def _notes(usable: Sequence[Path], headers: Mapping[Path, Header], solved: Struc
         notes.append(f"blurred beside the others: {', '.join(blurred)}")
     if len(solved.views) < len(usable):
         notes.append(f"{len(solved.views)} of {len(usable)} photographs were placed")
+    bare = [Path(view.path).name for view, places in zip(solved.views, kept.kept, strict=True) if len(places.w) == 0]
+    if bare:
+        notes.append(f"no dense depths from {', '.join(bare)} (moved along the view, or too far apart): its points are the few that fixed the poses")
     if kept.factor > 1.5:
         notes.append(f"depths of neighbouring photographs differ by {kept.factor:.1f} times what matching says: standard deviations were widened")
     if scale is not None:

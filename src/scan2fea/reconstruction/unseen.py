@@ -29,10 +29,18 @@ class Answer(Value):
     n_tried: int
 
 
-def unseen(points: FloatArray, is_inferred: BoolArray | None, options: OutsideOptions, quality_weight: float, n_hidden: int = 0) -> Answer:
+def unseen(
+    points: FloatArray,
+    is_inferred: BoolArray | None,
+    options: OutsideOptions,
+    quality_weight: float,
+    n_hidden: int = 0,
+    sensors: FloatArray | None = None,
+) -> Answer:
     """The first answer that passes all gates, else the one that fails the fewest. Raises ReconstructionError if none gives a surface.
 
-    n_hidden : of the last points, that stand for places no ray has reached.
+    n_hidden : of the last points, that stand for places no ray has reached.   sensors : (n, 3) of points whose sight lines stood the test though they
+    were too few to lead, nan rows where not known: they only tell what is empty beyond the ends of walls.
     """
     setting = prepare(points, options.seed)
     best: Answer | None = None
@@ -40,7 +48,7 @@ def unseen(points: FloatArray, is_inferred: BoolArray | None, options: OutsideOp
     n = 0
     for n, flood in enumerate(floods(setting, options), start=1):
         try:
-            answer = _answer(points, is_inferred, n_hidden, flood, setting.spacing_m, quality_weight, options.seed, n)
+            answer = _answer(points, is_inferred, n_hidden, sensors, flood, setting.spacing_m, quality_weight, options.seed, n)
         except ReconstructionError as error:
             reason = str(error)
             continue
@@ -54,7 +62,15 @@ def unseen(points: FloatArray, is_inferred: BoolArray | None, options: OutsideOp
 
 
 def _answer(
-    points: FloatArray, is_inferred: BoolArray | None, n_hidden: int, flood: Flood, spacing_m: float, quality_weight: float, seed: int, n: int
+    points: FloatArray,
+    is_inferred: BoolArray | None,
+    n_hidden: int,
+    sensors: FloatArray | None,
+    flood: Flood,
+    spacing_m: float,
+    quality_weight: float,
+    seed: int,
+    n: int,
 ) -> Answer:
     polished = polish(points, flood.signed, spacing_m)
     normals, sigma = fitted(points, polished, spacing_m)
@@ -79,6 +95,7 @@ def _answer(
         sigma_m=sigma,
         is_inferred=is_inferred,
         n_hidden=n_hidden,
+        sensors=sensors,
     )
     volumes = carved.tetra.volumes()
     share = float(volumes[entered[-1] & carved.inside].sum() / volumes[carved.inside].sum())

@@ -129,7 +129,11 @@ def _unseen(scan: Scan, options: VisibilityOptions, sensor: str, how: Mapping[st
         inferred = np.append(np.zeros(len(points), bool) if inferred is None else inferred, np.ones(len(hidden), bool))
         points = np.concatenate([points, hidden])
         how = {**how, "n_hidden": len(hidden)}
-    answer = unseen(points, inferred, outside, options.quality_weight, len(points) - len(cloud))
+    lines = None
+    if hidden is not None:  # the sensors stood the test
+        lines = np.full_like(points, np.nan)
+        lines[: len(cloud)] = scan.sensors()
+    answer = unseen(points, inferred, outside, options.quality_weight, len(points) - len(cloud), lines)
     flood = answer.flood
     facts = {**how, "ball_m": flood.ball_m, "leak_share": flood.leak_share, "n_cavities": flood.n_cavities, "n_answers": answer.n_tried}
     found = _result(answer.carved, spacing(cloud.points, options.seed), answer.sigma_m, "outside flood", sensor, answer.checks, facts)

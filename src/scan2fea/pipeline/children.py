@@ -56,6 +56,8 @@ def run_children(folders: Sequence[Path], jobs: int, limits: Limits, say: Say, d
         ended = worker([str(folder)], limits, lambda event: _locked(lock, say, event), closing)
         if closing.is_set():
             return
+        if ended is None and not (folder / RESULT).exists():
+            ended = Ended(why="its process ended without a result; please report it", stage="", stages=())
         if ended is not None and not (folder / RESULT).exists():
             write_bytes(folder / ENDED, json.dumps(asdict(ended)).encode())
             worker([str(folder), "ended"], Limits(seconds=AFTER_SECONDS, gib=max(AFTER_GIB, limits.gib)), lambda _: None, closing)

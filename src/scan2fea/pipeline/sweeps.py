@@ -67,7 +67,8 @@ def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Traj
     far = float(np.linalg.norm(found.T_world_knot[-1, :3, 3]))
     says = (
         f"{len(sweeps)} sweeps of a moving scanner were put together: it went {far:.3g} m; its last place has a standard deviation of "
-        f"{float(found.std_m[-1]):.2g} m and {np.degrees(float(found.std_rad[-1])):.2g} degrees against its first"
+        f"{float(found.std_m[-1]):.2g} m and {np.degrees(float(found.std_rad[-1])):.2g} degrees against its first; "
+        "slow motion over a bare floor can be lost although both ways agree: look at the cloud"
     )
     return _moved(raw, path, sweep, at - sweep, says), path
 

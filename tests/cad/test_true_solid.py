@@ -13,6 +13,7 @@ from scan2fea.cad.patches import segmented
 from scan2fea.cad.readback import read_back
 from scan2fea.cad.resting import resting_planes
 from scan2fea.cad.roundings import smooth_share, unexplained, without_roundings
+from scan2fea.cad.solid import _lost, _Scale
 from scan2fea.kernel.boundary import boundary_surface
 from scan2fea.kernel.measures import volume
 from scan2fea.simulation.freeform import blob
@@ -38,6 +39,8 @@ def meshed(kind):
         elif kind == "cup":
             body, _ = occ.fuse([(3, occ.addCylinder(0, 0, 0, 0, 0, 0.02, 0.05))], [(3, occ.addCone(0, 0, 0.02, 0, 0, 0.04, 0.035, 0.015))])
             occ.cut(body, [(3, occ.addCylinder(0, 0, -0.01, 0, 0, 0.1, 0.008))])
+        elif kind == "pocket":
+            occ.cut([(3, occ.addBox(0, 0, 0, 0.12, 0.08, 0.03))], [(3, occ.addBox(0.05, 0.03, 0.028, 0.012, 0.012, 0.01))])
         else:
             body = [(3, occ.addBox(0, 0, 0, 0.1, 0.1, 0.03))]
             occ.fuse(body, [(3, occ.addSphere(0.05, 0.05, 0.03, 0.025))])
@@ -221,3 +224,19 @@ def test_patches_along_rounded_creases_are_given_up_but_the_wall_of_a_hole_is_no
     assert unexplained(mesh, kept, 0.009) == 0
     lost = replace(patches, label=np.where(patches.label == np.bincount(patches.label[patches.label >= 0]).argmax(), -1, patches.label))
     assert unexplained(mesh, lost, 1e-3) > 0.1
+
+
+@pytest.mark.parametrize(("depth", "told"), [(0.002, True), (0.0, False)])
+def test_a_shallow_pocket_that_the_solid_leaves_out_is_told(depth, told):
+    """0.8 % of the surface and 2 mm deep: within 95 % of the surface, the largest distance, the volume and the count of holes."""
+    pocket, plain = meshed("pocket"), box((0.12, 0.08, 0.03))
+    flat = np.where((pocket.vertices[:, 2] > 0.027) & (pocket.vertices[:, 2] < 0.03), 0.03, pocket.vertices[:, 2])
+    surface = pocket if depth else TriangleMesh(vertices=np.c_[pocket.vertices[:, :2], flat], faces=pocket.faces)
+    rng = np.random.default_rng(5)
+    corners = surface.vertices[surface.faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    weights = rng.dirichlet((1.0, 1.0, 1.0), 30_000)
+    points = np.einsum("ni,nij->nj", weights, corners[rng.choice(len(area), 30_000, p=area / area.sum())])
+    points += 5e-5 * rng.standard_normal(points.shape)
+    lost = _lost(plain, surface, points, _Scale(spacing_m=0.001, noise_m=5e-5, size_m=0.15))
+    assert (lost >= 100) if told else lost == 0

@@ -21,9 +21,11 @@ from scan2fea.cad.roundings import smooth_share, unexplained, widened, without_r
 from scan2fea.cad.step_occ import named, step_of_solid
 from scan2fea.cad.surfaces import Fit, Snap, simplest, snapped
 from scan2fea.errors import CadError
+from scan2fea.kernel.coverage import STRAY_SPACINGS
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import extent, face_areas
 from scan2fea.kernel.measures import volume as enclosed_volume
+from scan2fea.kernel.neighbors import radius_components
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.surfaces import CONE, SPHERE, Surface
 from scan2fea.kernel.topology import edge_table, surface_topology
@@ -37,6 +39,7 @@ SMOOTH = 0.5  # share of the borders of patches without an angle: more is free f
 UNEXPLAINED = 0.004  # share of the area that may lie on no surface: more is free form
 SCRAPS = 0.01  # of the area: surfaces that a wider tolerance does without
 FIT_POINTS = 60_000
+LOST = 30  # points: the least that a surface is fitted to
 VOLUME_OFF = 0.03  # of the volume of the surface: reconstructions of thin walls are a little too thick or thin
 CHORD = 0.1  # of the tolerance: how closely the solid is cut into triangles to be compared
 READS_BACK = 1e-6  # relative difference of volume between the shape and its file
@@ -157,7 +160,7 @@ def _built(mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: _Sca
             local, (points - middle) * mm, patches, best, scale.spacing_m * mm, scale.noise_m * mm, scale.reach_m * mm
         )  # fmt: skip
         if turned is not None:
-            reason = _problem(turned, mesh, middle, scale)
+            reason = _problem(turned, mesh, points, middle, scale)
             if not reason:
                 return _result(turned, middle, scale, ())
         reason = f"turned about an axis: {reason}; "
@@ -170,7 +173,7 @@ def _built(mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: _Sca
         for factor in MARGINS:
             margin = factor * (scale.reach_m + scale.tolerance_m) * mm
             solid = cell_solid(drawn, regions, [max(margin, 0.01 * factor * scale.size_m * mm)] * len(drawn), local)
-            problem = "the faces close no solid" if solid is None else _problem(solid, mesh, middle, scale)
+            problem = "the faces close no solid" if solid is None else _problem(solid, mesh, points, middle, scale)
             if not problem:
                 return _result(solid, middle, scale, snaps)
             first = first or problem
@@ -190,7 +193,7 @@ def _fits(
     fits: list[Fit] = []
     for k, surface in enumerate(patches.surfaces):
         rows = np.flatnonzero((label == k) & deep)
-        if len(rows) < 30:
+        if len(rows) < LOST:
             rows = np.flatnonzero(label == k)
         own = used[rows] if len(rows) >= LEAST_POINTS else nearest_points(stands, surface, scale.reach_m)
         if len(own) < LEAST_POINTS:
@@ -226,7 +229,7 @@ def _faces(solid: Any) -> list[Any]:
     return parts(solid, TopAbs_FACE)
 
 
-def _problem(solid: Any, mesh: TriangleMesh, middle: FloatArray, scale: _Scale) -> str:
+def _problem(solid: Any, mesh: TriangleMesh, points: FloatArray, middle: FloatArray, scale: _Scale) -> str:
     """The first way in which the solid is not that of the surface; empty where there is none."""
     from OCP.TopAbs import TopAbs_SOLID
 
@@ -247,7 +250,26 @@ def _problem(solid: Any, mesh: TriangleMesh, middle: FloatArray, scale: _Scale) 
             f"the true faces lie off the surface: 95 % of it within {np.percentile(off, 95) * 1e3:.3g} mm, at most {off.max() * 1e3:.3g} mm, "
             f"corners {back.max() * 1e3:.3g} mm"
         )
+    lost = _lost(shown, mesh, points, scale)
+    if lost:
+        return f"{lost} points side by side lie on the surface and off the true faces: a small face or step was lost"
     return ""
+
+
+def _lost(shown: TriangleMesh, mesh: TriangleMesh, points: FloatArray, scale: _Scale) -> int:
+    """How many points the largest part of the surface holds that the solid does not follow; 0 below `LOST`, what a face needs to be told.
+
+    A point is off where it lies farther from the solid than from the surface by more than half a spacing and what surfaces may differ by: its own
+    noise is in both distances.
+    """
+    used = points[sampled_rows(len(points), FIT_POINTS, 0)]
+    spacing = scale.spacing_m * (len(points) / len(used)) ** 0.5
+    more = PointToMesh(shown).nearest(used).distance - PointToMesh(mesh).nearest(used).distance
+    off = used[more > scale.tolerance_m + STRAY_SPACINGS * scale.spacing_m]
+    if len(off) < LOST:
+        return 0
+    largest = int(np.bincount(radius_components(off, 2.0 * spacing)).max())
+    return largest if largest >= LOST else 0
 
 
 def triangles_of(solid: Any, middle: FloatArray, tolerance_m: float) -> tuple[TriangleMesh, IntArray]:

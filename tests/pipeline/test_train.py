@@ -14,6 +14,7 @@ from scan2fea.pipeline.scene import place_all
 from scan2fea.pipeline.segment_rows import segment_rows
 from scan2fea.pipeline.train import TrainOptions, judged, looks_of_kinds, train
 from scan2fea.segmentation import Selection, SelectOptions, select
+from scan2fea.segmentation.kinds import Guess
 from scan2fea.segmentation.weights import read_weights, shipped_weights
 from scan2fea.types import PointCloud, Scan, Segments
 
@@ -124,11 +125,20 @@ def test_kinds_are_told_selected_by_and_no_part_of_what_is_modelled(tmp_path):
 
 
 def test_an_object_that_was_built_as_a_member_has_its_kind():
-    from scan2fea.segmentation.kinds import Guess
-
     chosen = Selection(labels=(4, 2), notes=())
     guesses = [Guess(kind="unknown", confidence=0.3)] * 5
     guesses[2], guesses[4] = Guess(kind="box", confidence=0.91), Guess(kind="I", confidence=0.87654)
     rows = with_kinds([{"id": 1, "member": {"family": "CHS"}}, {"id": 2}], chosen, guesses)
     assert [row["kind"] for row in rows] == ["pipe", "box"]
     assert rows[0]["guess"] == {"kind": "I", "confidence": 0.876, "source": "network"}
+
+
+def test_what_was_converted_as_no_member_is_no_angle_and_no_clutter():
+    said = (("L", "network"), ("clutter", "network"), ("box", "network"), ("L", "user"))
+    guesses = [Guess(kind=kind, confidence=0.9, source=source) for kind, source in said]
+    chosen = Selection(labels=(0, 1, 2, 3), notes=(), why={})
+    converted = with_kinds([{"id": k, "verdict": "converted"} for k in (1, 2, 3, 4)], chosen, guesses)
+    assert [row["kind"] for row in converted] == ["free form", "free form", "box", "L"]
+    assert [row["guess"]["kind"] for row in converted] == ["L", "clutter", "box", "L"]
+    assert with_kinds([{"id": 1, "verdict": "failed"}], chosen, guesses)[0]["kind"] == "L"
+    assert with_kinds([{"id": 1, "verdict": "converted", "member": {"family": "rect"}}], chosen, guesses)[0]["kind"] == "rectangular bar"

@@ -20,7 +20,8 @@ from scan2fea.segmentation.options import SegmentationOptions
 from scan2fea.segmentation.weights import weights_named
 from scan2fea.types import Segments
 
-BUILT_KINDS = {"RHS": "rectangular tube", "CHS": "pipe", "rect": "flat bar", "round": "round bar"}  # other families are words already
+BUILT_KINDS = {"RHS": "rectangular tube", "CHS": "pipe", "rect": "rectangular bar", "round": "round bar"}  # other families are words already
+SHAPES = ("plate", "box", "free form")  # guesses that an object which no member explains may go by
 _ON_A_MESH = 5_000
 
 
@@ -53,12 +54,16 @@ def guess_row(guess: Guess) -> dict[str, Any]:
 
 
 def with_kinds(objects: Sequence[Mapping[str, Any]], chosen: Selection, kinds: Sequence[Guess]) -> list[dict[str, Any]]:
-    """objects[] with `kind`: that of the member it was built as, else the guess, which is told beside it as `guess`."""
+    """objects[] with `kind`: that of the member it was built as, else the guess, which is told beside it as `guess`.
+
+    An object that was converted as no member is no angle, and no clutter either, whatever it looked like: then it is a free form.
+    """
     rows = []
     for row in objects:
         guess = kinds[chosen.labels[row["id"] - 1]]
         family = (row.get("member") or {}).get("family")
-        kind = BUILT_KINDS.get(family, family) if family else guess.kind
+        is_shape = row.get("verdict") != "converted" or guess.kind in SHAPES or guess.source == "user"
+        kind = BUILT_KINDS.get(family, family) if family else guess.kind if is_shape else "free form"
         rows.append({**row, "kind": kind, "guess": guess_row(guess)})
     return rows
 

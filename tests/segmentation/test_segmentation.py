@@ -268,8 +268,8 @@ def test_select_orders_by_size_then_first_point_and_says_what_it_left_out():
     cloud = PointCloud.of(np.zeros((len(labels), 3)))
     chosen = select(cloud, segments)
     assert chosen.labels == (2, 1, 3)
-    assert any("a support, which carries or bounds the rest (select.kinds) (label 4)" in note for note in chosen.notes)
-    assert any("fewer than 500 points" in note and "(label 0)" in note for note in chosen.notes)
+    assert any("a support, which carries or bounds the rest (select.kinds) (1 segment, label 4)" in note for note in chosen.notes)
+    assert any("fewer than 500 points" in note and "label 0)" in note for note in chosen.notes)
     assert select(cloud, segments, given={0}).labels == (2, 1, 3, 0)  # a segment with faces may have any number of vertices
     assert select(cloud, segments, SelectOptions(max_objects=1)).labels == (2,)
     assert select(cloud, segments, SelectOptions(kinds=("support",))).labels == (4,)

@@ -122,4 +122,4 @@ def _note(labels: list[int], why: str) -> str:
     if not labels:
         return ""
     shown = ", ".join(str(label) for label in labels[:8]) + (", ..." if len(labels) > 8 else "")
-    return f"not modelled: {len(labels)} segment{'s' if len(labels) > 1 else ''} {why} (label {shown})"
+    return f"not modelled: {why} ({len(labels)} segment{'s' if len(labels) > 1 else ''}, label {shown})"

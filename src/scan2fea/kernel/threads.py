@@ -11,10 +11,13 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 
-def in_threads(function: Callable[[T], R], items: Iterable[T]) -> list[R]:
-    """[function(item) for item in items], in that order whatever ends first; the first error is raised. It must change nothing shared."""
+def in_threads(function: Callable[[T], R], items: Iterable[T], at_most: int | None = None) -> list[R]:
+    """[function(item) for item in items], in that order whatever ends first; the first error is raised. It must change nothing shared.
+
+    at_most : run at once, where each needs much memory.
+    """
     given = list(items)
-    n = min(os.cpu_count() or 1, len(given))
+    n = min(os.cpu_count() or 1, len(given), at_most or len(given))
     if n < 2:
         return [function(item) for item in given]
     with ThreadPoolExecutor(n) as pool:

@@ -14,6 +14,7 @@ import numpy as np
 
 from scan2fea.io.artifacts import fingerprint, save
 from scan2fea.io.files import write_bytes
+from scan2fea.kernel.threads import in_threads
 from scan2fea.pipeline.children import Limits, run_children
 from scan2fea.pipeline.config import Config, as_tree
 from scan2fea.pipeline.outputs import write_object
@@ -28,20 +29,22 @@ from scan2fea.types import Scan, Segments
 def parts_of(scene: Scene, segments: Segments, chosen: Selection, config: Config) -> list[Part]:
     """One part per chosen label, numbered from 1 in the order of the selection."""
     meshes = {m.frame: m.mesh for m in scene.meshes}
-    parts = []
     measured = ~scene.is_filled
     seen, labelled = scene.scan.cloud, segments
     if not measured.all():  # what nobody measured is no evidence of a support
         seen, labelled = seen.take(measured), replace(segments, labels=segments.labels[measured])
-    for number, label in enumerate(chosen.labels, start=1):
+
+    def part_of(number: int) -> Part:
+        label = chosen.labels[number - 1]
         rows = np.flatnonzero(segments.labels == label)
         own = scene.scan.cloud.take(rows)
         frame = int(own.frame[0])
         mesh = meshes.get(frame)
         if mesh is None:
             own = contact_points(own, seen, labelled, int(label))
-        parts.append(Part(id=number, kind=segments.kinds[label], scan=Scan(cloud=own, rays=scene.scan.rays).compact(), mesh=mesh))
-    return parts
+        return Part(id=number, kind=segments.kinds[label], scan=Scan(cloud=own, rays=scene.scan.rays).compact(), mesh=mesh)
+
+    return in_threads(part_of, range(1, len(chosen.labels) + 1))
 
 
 def with_faces(scene: Scene, segments: Segments) -> frozenset[int]:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from scan2fea.errors import UsageError
+from scan2fea.kernel.threads import in_threads
 from scan2fea.report.charts import swatches
 from scan2fea.report.colours import BACKDROP, categories, css
 from scan2fea.report.figures import scene_figure
@@ -70,11 +71,13 @@ def render_page(saved: Saved) -> str:
     report, objects = saved.report, saved.report.get("objects") or []
     clouds = [saved.cloud(item) for item in objects]
     width_px = round(PICTURE_PX * min(1.0, math.sqrt(FULL_SIZE_OBJECTS / max(len(objects), 1))))
-    sections, sizes = [], []
-    for place, item in enumerate(objects):  # one after the other: the geometry of all at once may not fit into memory
-        made = saved.geometry(item, clouds[place])
-        sections.append(object_section(item, place, made, saved.files(item), max(width_px, 240)))
-        sizes.append(made.size_m)
+
+    def drawn(place: int) -> tuple[Html, tuple[float, ...] | None]:
+        made = saved.geometry(objects[place], clouds[place])
+        return object_section(objects[place], place, made, saved.files(objects[place]), max(width_px, 240)), made.size_m
+
+    told = in_threads(drawn, range(len(objects)), at_most=2)  # the geometry of all at once may not fit into memory
+    sections, sizes = [section for section, _ in told], [size for _, size in told]
     title = "scan2fea: " + headline(report)
     style = resources.files("scan2fea.report").joinpath("style.css").read_text(encoding="utf-8")
     head = tag(
@@ -207,7 +210,7 @@ def _method(saved: Saved) -> Html:
         parts.append(joined((tag("h3", "Options that differ from their defaults"), table(("option", "value", "default"), rows, class_="narrow"))))
     else:
         parts.append(tag("p", "All options have their default values."))
-    for title, sentences in (("What was assumed", report.get("assumptions") or []), ("What could not be shown", saved.troubles)):
+    for title, sentences in (("What was assumed", report.get("assumptions") or []), ("What could not be shown", sorted(saved.troubles))):
         parts.append(joined((tag("h3", title), tag("ul", *(tag("li", text) for text in sentences)))) if sentences else NOTHING)
     kept = [name for name in ("report.json", "config.toml", "log.jsonl", "labels.csv", "cloud.ply", "trajectory.txt") if saved.exists(name)]
     parts.append(tag("p", "Files of the run: ", joined((link(name, name) for name in kept), " \u00b7 "), class_="files"))

@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import os
 import subprocess
+import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import psutil
@@ -30,12 +31,12 @@ def spent_by(processes: Iterable[psutil.Process]) -> float:
     return total
 
 
-def run_limited(
-    command: Sequence[str], seconds: float, *, environment: Mapping[str, str], folder: Path | None = None
-) -> subprocess.CompletedProcess[str]:
-    """Run the command to its end. Raises subprocess.TimeoutExpired, and has killed it, where it uses more than `seconds` of processor time or
-    `PATIENCE` times as much wall clock.
+def run_limited(command: Sequence[str], seconds: float, *, folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run the command to its end, on one thread and with our modules in its path.
+
+    Raises subprocess.TimeoutExpired, and has killed it, where it uses more than `seconds` of processor time or `PATIENCE` times as much wall clock.
     """
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
     until = time.monotonic() + PATIENCE * seconds
     with subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace", env=environment, cwd=folder

@@ -8,13 +8,13 @@ count. The hits do not depend on the tree.
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 
 from scan2fea.errors import InternalError, require
 from scan2fea.kernel.jit import jit
+from scan2fea.kernel.threads import in_threads
 from scan2fea.types import FloatArray, IntArray, TriangleMesh, Value
 
 _LEAF = 6  # triangles per leaf at most
@@ -68,12 +68,7 @@ def first_hits(scene: RayScene, origin: FloatArray, direction: FloatArray, t_min
     def cast(rows: slice) -> None:
         _cast(o[rows], d[rows], t_min, scene.corners, scene.pair, scene.child, scene.face, t[rows], face[rows])
 
-    pieces = [slice(k, k + _AT_ONCE) for k in range(0, len(t), _AT_ONCE)]
-    if threads > 1 and len(pieces) > 1:
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(cast, pieces))
-    else:
-        cast(slice(None))
+    in_threads(cast, [slice(k, k + _AT_ONCE) for k in range(0, len(t), _AT_ONCE)], at_most=threads)
     return t, face
 
 

@@ -12,7 +12,7 @@ R = TypeVar("R")
 
 
 def in_threads(function: Callable[[T], R], items: Iterable[T], at_most: int | None = None) -> list[R]:
-    """[function(item) for item in items], in that order whatever ends first; the first error is raised. It must change nothing shared.
+    """[function(item) for item in items], in that order whatever ends first; the first error is raised. It must change nothing that others read.
 
     at_most : run at once, where each needs much memory.
     """

@@ -50,9 +50,8 @@ def _in_child(task: dict[str, Any], options: CadOptions, what: str) -> Trued:
         job, result = Path(folder) / "job.npz", Path(folder) / "result.npz"
         save(task, job)
         command = [sys.executable, "-m", "scan2fea.pipeline.faces_worker", str(job), str(result)]
-        environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
         try:
-            ended = run_limited(command, options.time_limit_s, environment=environment)
+            ended = run_limited(command, options.time_limit_s)
         except subprocess.TimeoutExpired:
             return _none(f"the {what} took more than cad.time_limit_s = {options.time_limit_s:g} s")
         if not result.exists():

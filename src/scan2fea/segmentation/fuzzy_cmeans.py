@@ -12,13 +12,12 @@ import numpy as np
 
 from scan2fea.kernel.jit import jit
 from scan2fea.segmentation.clusters import number_of_clusters, require_points
-from scan2fea.segmentation.kmeans import plus_plus
+from scan2fea.segmentation.kmeans import best_run
 from scan2fea.segmentation.options import SegmentationOptions
 from scan2fea.types import FloatArray, IntArray, PointCloud, Value
 
 _STEPS = 300
 _STILL = 1e-5  # of the spread of the cloud
-_TRIAL_POINTS = 20_000
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -51,12 +50,7 @@ def fuzzy_cmeans(cloud: PointCloud, options: SegmentationOptions = SegmentationO
 def fuzzy(points: FloatArray, k: int, restarts: int, m: float, seed: int) -> FuzzyCMeans:
     """The best of some runs from seeded starts (as k-means++), compared on a draw of 20,000 points."""
     middle = points.mean(axis=0)
-    rng = np.random.default_rng(seed)
-    rows = np.sort(rng.choice(len(points), _TRIAL_POINTS, replace=False)) if len(points) > _TRIAL_POINTS else np.arange(len(points))
-    sample = np.ascontiguousarray(points[rows] - middle)
-    runs = [converged(sample, plus_plus(sample, k, rng), m) for _ in range(restarts)]
-    best = min(runs, key=lambda run: float(run.objective[-1]))
-    found = best if len(rows) == len(points) else converged(np.ascontiguousarray(points - middle), best.centres, m)
+    found = best_run(lambda p, centres: converged(p, centres, m), points - middle, k, restarts, seed)
     return FuzzyCMeans(centres=found.centres + middle, objective=found.objective, converged=found.converged)
 
 

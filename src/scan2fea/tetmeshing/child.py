@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import tempfile
@@ -35,9 +34,8 @@ def run_worker(job: dict[str, Any], *, time_limit_s: float, memory_limit_gib: fl
         job_path, result_path = Path(folder) / "job.npz", Path(folder) / "result.npz"
         np.savez(job_path, **{**job, "memory_gib": memory_limit_gib})
         command = [sys.executable, "-P", str(Path(__file__).with_name("worker.py")), str(job_path), str(result_path)]
-        environment = {**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
         try:
-            ended = run_limited(command, time_limit_s, environment=environment, folder=Path(folder))
+            ended = run_limited(command, time_limit_s, folder=Path(folder))
         except subprocess.TimeoutExpired:
             raise MeshingError(
                 f"the mesher was stopped after {time_limit_s:.0f} s of processor time: mesh coarser (remesh.edge_m, tetmeshing.edge_m)"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -43,18 +43,24 @@ def cases_of(bench: Bench) -> tuple[str, ...]:
     return QUICK if bench.options.quick else tuple(CASES)
 
 
+def _found(bench: Bench, says: list[str]) -> Iterator[tuple[str, Best]]:
+    """Each data set and what the best route makes of it; one that it makes nothing of has its reason entered in `says`."""
+    for case in cases_of(bench):
+        try:
+            found = best(bench, case)
+        except Scan2FeaError as error:
+            says.append(f"{CASES[case]}: {error}")
+        else:
+            yield case, found
+
+
 def dimensions(bench: Bench) -> Made:
     """Section 4.4 as a table: what each data set tells of the beam."""
     true = lab17(bench.options.seed).solids[BEAM].shape.parameters
     volume = lab17(bench.options.seed).solids[BEAM].volume_m3
     rows: list[tuple[Cell, ...]] = []
     says: list[str] = []
-    for case in cases_of(bench):
-        try:
-            found = best(bench, case)
-        except Scan2FeaError as error:
-            says.append(f"{CASES[case]}: {error}")
-            continue
+    for case, found in _found(bench, says):
         for name, (value, std, observable) in found.parameters().items():
             size = true.get(name)
             error_std = None if size is None or not std else (value - size) / std
@@ -113,13 +119,8 @@ def _one_end(vertices: FloatArray, view: Camera) -> Camera:
 
 def boundary_representations(bench: Bench) -> Made:
     """Chapter 5: faces of the boundary representations, each in its own colour."""
-    pictures, says = [], []
-    for case in cases_of(bench):
-        try:
-            found = best(bench, case)
-        except Scan2FeaError as error:
-            says.append(f"{CASES[case]}: {error}")
-            continue
+    pictures, says = [], list[str]()
+    for case, found in _found(bench, says):
         if found.surface is None:
             says.append(f"{CASES[case]}: no solid: {found.reason}")
             continue
@@ -139,12 +140,7 @@ def finite_elements(bench: Bench) -> Made:
     true = bench.kept("true beam", lambda: true_response(bench))
     rows: list[tuple[Cell, ...]] = [("true beam, beam theory", *_scaled(theory(bench)), None), ("true beam, finite elements", *_scaled(true), None)]
     says: list[str] = []
-    for case in cases_of(bench):
-        try:
-            found = best(bench, case)
-        except Scan2FeaError as error:
-            says.append(f"{CASES[case]}: {error}")
-            continue
+    for case, found in _found(bench, says):
         if not found.converted:
             says.append(f"{CASES[case]}: not converted: {found.reason}.")
             continue

@@ -17,7 +17,9 @@ from scan2fea.kernel.quality import TRIANGLE_LIMITS
 from scan2fea.thesis import EXPERIMENTS, ThesisOptions, results, run, run_thesis
 from scan2fea.thesis.bench import Bench
 from scan2fea.thesis.canvas import told
+from scan2fea.thesis.chores import KINDS, done, in_turn
 from scan2fea.thesis.clouds import BEAM, DENSE_M, beam_points, beam_solid, treated
+from scan2fea.thesis.conclusion import cases_of
 from scan2fea.thesis.experiment import Table
 from scan2fea.thesis.measured import measured
 from scan2fea.thesis.published import printed_tables
@@ -60,6 +62,31 @@ class TestRegistry:
     def test_an_unknown_number_is_told(self, only, says):
         with pytest.raises(UsageError, match=says):
             chosen(only)
+
+
+class TestChores:
+    @pytest.mark.parametrize("options", [QUICK, ThesisOptions()])
+    def test_every_one_is_of_a_known_kind_and_follows_what_it_needs(self, options):
+        groups = in_turn(chore for e in EXPERIMENTS.values() for chore in e.needs(options))
+        every = [chore for group in groups for chore in group]
+        assert len(every) == len(set(every)) and {chore[0] for chore in every} <= set(KINDS)
+        place = {chore: k for k, group in enumerate(groups) for chore in group}
+        for kind, *case in every:
+            if kind in ("first", "chain", "held"):
+                assert place["beam", case[0]] < place[(kind, *case)]
+                assert case[1] == "AF" or place["normals", case[0]] < place[(kind, *case)]
+        assert {("best", case) for case in cases_of(options)} <= set(every)
+
+    def test_a_quick_run_prepares_less(self):
+        count = [len({c for e in EXPERIMENTS.values() for c in e.needs(o)}) for o in (QUICK, ThesisOptions())]
+        assert count[0] < count[1]
+
+    def test_one_that_cannot_be_made_is_left_to_its_experiments(self, tmp_path, monkeypatch):
+        def bad(*_):
+            raise MeshingError("no")
+
+        monkeypatch.setitem(KINDS, "lab", bad)
+        done(Bench(folder=tmp_path, options=QUICK), ("lab",))
 
 
 class TestPublished:
@@ -163,6 +190,16 @@ class TestRun:
         run_thesis(out, QUICK, TestRun.FEW, events.append)
         assert {e["id"]: e["kept"] for e in events if e["event"] == "end"} == {name: name != "F2.16" for name in TestRun.FEW.split(",")}
         assert hashes(out) == before
+
+    def test_two_processes_make_the_same_bytes(self, out, tmp_path):
+        events = []
+        run_thesis(tmp_path / "again", QUICK, TestRun.FEW, events.append, jobs=2)
+        assert hashes(tmp_path / "again") == hashes(out)
+        assert [e["id"] for e in events if e["event"] == "chore"] == ["lab", "beam zero", "first zero AF"]
+
+    def test_no_process_is_no_run(self, tmp_path):
+        with pytest.raises(UsageError, match="--jobs 0"):
+            run_thesis(tmp_path / "none", QUICK, TestRun.FEW, jobs=0)
 
     def test_one_that_fails_says_why_and_takes_no_other_along(self, tmp_path, monkeypatch):
         def bad(_):

@@ -19,7 +19,7 @@ def parser() -> argparse.ArgumentParser:
     top = argparse.ArgumentParser(prog="scan2fea", description="From raw 3D scans to checked finite element models.", allow_abbrev=False)
     top.add_argument("--version", action="version", version=f"scan2fea {__version__}")
     commands = top.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for add in (_run, _demo, _simulate, _plan, _check, _info, _fit, _register, _fuse, _segment, _train, _reconstruct, _config, _view):
+    for add in (_run, _demo, _simulate, _plan, _check, _info, _fit, _register, _fuse, _segment, _train, _reconstruct, _thesis, _config, _view):
         add(commands)
     return top
 
@@ -133,15 +133,18 @@ def _reconstruct(commands: Commands) -> None:
     _add_options(reconstruct)
 
 
-def _config(commands: Commands) -> None:
+def _thesis(commands: Commands) -> None:
     thesis = commands.add_parser("thesis", help="the source thesis's tables and figures, made by this program", allow_abbrev=False)
     thesis.add_argument("-o", "--out", default="scan2fea-thesis", metavar="OUT", help="folder for thesis.html, a CSV per table, a PNG per figure")
     thesis.add_argument("--only", metavar="T4.1,F4.9", help="these numbers alone")
     thesis.add_argument("--quick", action="store_true", help="smaller inputs: minutes instead of most of an hour")
     thesis.add_argument("--clock", type=float, metavar="S", help="stop ODT, perturbation, exudation after S seconds (thesis: 30), not iterations")
     thesis.add_argument("--real", metavar="FILE", help="a capture of a Velodyne HDL-32E (.pcap) for the figures of acquisition")
+    thesis.add_argument("--jobs", type=int, metavar="N", help="processes at once; default: one a core (each takes up to 1.5 GB); same results")
     thesis.add_argument("--seed", type=int, default=0, help="seed of everything random")
 
+
+def _config(commands: Commands) -> None:
     config = commands.add_parser("config", help="print every option, with its explanation, as TOML", allow_abbrev=False)
     _add_options(config, seed=False)
 
@@ -193,8 +196,6 @@ def _add_pictures(command: argparse.ArgumentParser) -> None:
 
 
 def _add_scene_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--scale", metavar="TEXT", help='of photographs: "0.25 m between targets A B", or cameras [acquisition.scale]')
-    command.add_argument("--known-length", metavar="TEXT", help='of photographs: "0.8 m 03.jpg 120,340 810,355" [acquisition.known_length]')
     command.add_argument("--sensor", metavar="S", help="scan with this sensor alone, e.g. terrestrial or hdl32e")
     command.add_argument("--noise", metavar="N", help='noise of every sensor, e.g. "2 mm" (standard deviation) or "uniform:20 mm" (half width)')
     command.add_argument("--seed", type=int, default=0, help="seed of everything random")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Mapping
@@ -18,7 +19,7 @@ def execute(given: argparse.Namespace) -> int:
     require(real is None or real.is_file(), InputError, f"{given.real}: no such file; --real takes a capture of an HDL-32E (.pcap)")
     options = ThesisOptions(quick=given.quick, clock_s=given.clock, real=real, seed=given.seed)
     out = Path(given.out)
-    made = run_thesis(out, options, given.only, _progress())
+    made = run_thesis(out, options, given.only, _progress(), given.jobs or os.cpu_count() or 1)
     failed = [name for name, item in made.items() if item.failed]
     missing = f"; not made: {', '.join(failed)}" if failed else ""
     print(f"{len(made) - len(failed)} of {len(made)} experiments made{missing}; {out / 'thesis.html'}")
@@ -32,6 +33,8 @@ def _progress() -> Any:
         clock = f"[{time.perf_counter() - began:6.1f} s] "
         if event["event"] == "begin":
             print(f"{clock}{event['number']}/{event['of']} {event['id']} {event['title']} ...", file=sys.stderr, flush=True)
+        elif event["event"] == "chore":
+            print(f"{clock}prepared {event['number']}/{event['of']}: {event['id']}", file=sys.stderr, flush=True)
         elif event["failed"]:
             print(f"{clock}{event['id']} not made: {event['failed']}", file=sys.stderr, flush=True)
         else:

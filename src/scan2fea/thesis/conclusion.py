@@ -18,7 +18,7 @@ from scan2fea.report.colours import categories
 from scan2fea.report.render import Shape, render
 from scan2fea.simulation.lab17 import lab17
 from scan2fea.tetmeshing import layered
-from scan2fea.thesis.bench import Bench
+from scan2fea.thesis.bench import Bench, ThesisOptions
 from scan2fea.thesis.best import CASES, Best, best
 from scan2fea.thesis.canvas import tiles
 from scan2fea.thesis.clouds import BEAM, beam_points, treated
@@ -38,14 +38,14 @@ _WIDE, _HIGH = 460, 300
 END = 0.08  # of the length, in the view of one end
 
 
-def cases_of(bench: Bench) -> tuple[str, ...]:
+def cases_of(options: ThesisOptions) -> tuple[str, ...]:
     """The data sets of a run; a quick one leaves two readings of the noise out."""
-    return QUICK if bench.options.quick else tuple(CASES)
+    return QUICK if options.quick else tuple(CASES)
 
 
 def _found(bench: Bench, says: list[str]) -> Iterator[tuple[str, Best]]:
     """Each data set and what the best route makes of it; one that it makes nothing of has its reason entered in `says`."""
-    for case in cases_of(bench):
+    for case in cases_of(bench.options):
         try:
             found = best(bench, case)
         except Scan2FeaError as error:

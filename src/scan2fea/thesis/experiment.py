@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from scan2fea.thesis.bench import Bench
+    from scan2fea.thesis.bench import Bench, ThesisOptions
 
 Cell = str | int | float | bool | None
+Chore = tuple[str, ...]
+
+
+def _nothing(_: ThesisOptions) -> tuple[Chore, ...]:
+    return ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,9 +40,11 @@ class Experiment:
     """One numbered thing of the thesis.
 
     id : "F4.9", "T4.1", or of what the thesis leaves blank: "S4.4" (section), "H1" (hypothesis).   section : where it stands.
+    needs : what it shares with others, or takes long, by the options of the run; see chores.
     """
 
     id: str
     section: str
     title: str
     make: Callable[[Bench], Made]
+    needs: Callable[[ThesisOptions], Sequence[Chore]] = _nothing

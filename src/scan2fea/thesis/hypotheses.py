@@ -6,9 +6,8 @@ of the true one, by the free form's own gates or, of a member, with every dimens
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -27,10 +26,10 @@ from scan2fea.segmentation.metrics import agreement
 from scan2fea.simulation.lab17 import lab17
 from scan2fea.simulation.sampling import SamplingOptions, sampled_solid
 from scan2fea.simulation.solids import Solid
-from scan2fea.thesis.bench import Bench
+from scan2fea.thesis.bench import Bench, ThesisOptions
 from scan2fea.thesis.canvas import FAINT, INK, RED, Canvas, Panel
 from scan2fea.thesis.clouds import BEAM, VOXEL_M, clustering, filter_options, lab_scan, middle_stretch
-from scan2fea.thesis.experiment import Cell, Made, Table
+from scan2fea.thesis.experiment import Cell, Chore, Made, Table
 from scan2fea.thesis.published import stated
 from scan2fea.types import FloatArray, PointCloud, Scan
 
@@ -54,16 +53,24 @@ class Trial:
 def isolation(bench: Bench) -> Made:
     """Hypothesis 1: is the beam isolated, by noise?"""
     rows: list[tuple[Cell, ...]] = []
-    for noise_mm in (0.0, 6.7, 20.0) if bench.options.quick else (0.0, 2.0, 4.0, 6.7, 10.0, 15.0, 20.0):
-        scan = lab_scan(bench, noise_mm * 1e-3)
-        overlap = bench.kept("isolation", partial(_isolated, scan), noise_mm)
-        rows.append((noise_mm, *overlap))
+    for noise_mm in isolation_noises(bench.options):
+        rows.append((noise_mm, *isolated(bench, noise_mm)))
     head = ("noise, mm", "overlap (IoU), radius 0.5 in as the thesis", "overlap (IoU), radius from the data")
     says = (
         "Overlap of the beam's points with the cluster that fits it best, after filter and voxels of 0.1 in; 1 is perfect, above 0.5 the beam "
         "is the cluster."
     )
     return Made(table=Table(head=head, rows=tuple(rows)), says=(says,))
+
+
+def isolation_noises(options: ThesisOptions) -> tuple[float, ...]:
+    """Standard deviations that are tried, mm."""
+    return (0.0, 6.7, 20.0) if options.quick else (0.0, 2.0, 4.0, 6.7, 10.0, 15.0, 20.0)
+
+
+def isolated(bench: Bench, noise_mm: float) -> tuple[float, float]:
+    """Overlap of the beam with its cluster: with the thesis's radius, with one from the data."""
+    return bench.kept("isolation", lambda: _isolated(lab_scan(bench, noise_mm * 1e-3)), noise_mm)
 
 
 def _isolated(scan: Scan) -> tuple[float, float]:
@@ -141,23 +148,40 @@ def member_trial(solid: Solid, spacing_m: float, noise_m: float, hidden: Sequenc
 
 def free_map(bench: Bench) -> Made:
     """Hypothesis 2: free form by spacing and noise."""
-    noises = (0.0, 0.3, 1.0, 2.0) if bench.options.quick else NOISES_MM
-    return _map(bench, "free", noises, [f"{s:g}" for s in SPACINGS_MM], "spacing, mm", "Free form: share that converts")
+    return _map(bench, "free", *cells(bench.options, "free"), "spacing, mm", "Free form: share that converts")
 
 
 def view_map(bench: Bench) -> Made:
     """Hypothesis 2: free form by what was seen."""
-    return _map(bench, "views", (0.0, 0.3), list(VIEWS), "seen", "Free form at a spacing of 4 mm: share that converts")
+    return _map(bench, "views", *cells(bench.options, "views"), "seen", "Free form at a spacing of 4 mm: share that converts")
 
 
 def member_map(bench: Bench) -> Made:
     """Hypothesis 2: the member's way by what was seen, and noise."""
-    return _map(bench, "member", *_member_cells(bench), "seen", "Member at a spacing of 8 mm: share that converts")
+    return _map(bench, "member", *cells(bench.options, "member"), "seen", "Member at a spacing of 8 mm: share that converts")
 
 
-def _member_cells(bench: Bench) -> tuple[tuple[float, ...], list[str]]:
-    """Noises and views of the map of members; a fit takes seconds, so a quick run has four cells."""
-    return ((0.0, 6.0), ["all round", "outer faces"]) if bench.options.quick else (NOISES_MM, list(VIEWS)[:3])
+def cells(options: ThesisOptions, kind: str) -> tuple[Sequence[float], Sequence[str]]:
+    """Noises (mm) and columns of a map: "free", "views" or "member"; a fit takes seconds, so a quick run has four cells of members."""
+    if kind == "views":
+        return (0.0, 0.3), list(VIEWS)
+    if kind == "member":
+        return ((0.0, 6.0), ["all round", "outer faces"]) if options.quick else (NOISES_MM, list(VIEWS)[:3])
+    return (0.0, 0.3, 1.0, 2.0) if options.quick else NOISES_MM, [f"{s:g}" for s in SPACINGS_MM]
+
+
+def chores_of(*kinds: str) -> Callable[[ThesisOptions], Sequence[Chore]]:
+    """The cells of maps, the noisiest first: they take longest."""
+
+    def needs(options: ThesisOptions) -> Sequence[Chore]:
+        maps = [(kind, *cells(options, kind)) for kind in kinds]
+        return [("trial", kind, f"{noise:g}", column) for kind, noises, columns in maps for noise in reversed(noises) for column in columns]
+
+    return needs
+
+
+def isolation_chores(options: ThesisOptions) -> Sequence[Chore]:
+    return [("isolation", f"{noise:g}") for noise in isolation_noises(options)]
 
 
 def trials(bench: Bench, kind: str, noise_mm: float, column: str) -> Trial:
@@ -237,11 +261,11 @@ def _leg_middle(solid: Solid, points: FloatArray) -> np.ndarray:
 def limits(bench: Bench) -> Made:
     """Hypothesis 2: the conditions, in walls, read off the maps."""
     rows: list[tuple[Cell, ...]] = []
-    noises = (0.0, 0.3, 1.0, 2.0) if bench.options.quick else NOISES_MM
-    for column in (f"{s:g}" for s in SPACINGS_MM):
+    noises, columns = cells(bench.options, "free")
+    for column in columns:
         good = [n for n in noises if trials(bench, "free", n, column).success == 1]
         rows.append(("free form", f"spacing {float(column) / (1e3 * WALL_M):.2f} walls", None if not good else max(good) / (1e3 * WALL_M)))
-    tried, views = _member_cells(bench)
+    tried, views = cells(bench.options, "member")
     for view in views:
         good = [n for n in tried if trials(bench, "member", n, view).success == 1]
         rows.append(("member", f"{view}, spacing {8 / (1e3 * WALL_M):.2f} walls", None if not good else max(good) / (1e3 * WALL_M)))

@@ -8,7 +8,8 @@ import io
 import json
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from scan2fea.io.files import write_bytes
 from scan2fea.pipeline.record import key_of
 from scan2fea.thesis.bench import Bench, ThesisOptions, code_key
 from scan2fea.thesis.canvas import told
+from scan2fea.thesis.chores import Workers, done, in_turn
 from scan2fea.thesis.experiment import Cell, Experiment, Made, Table
 from scan2fea.thesis.page import render_page
 from scan2fea.thesis.registry import EXPERIMENTS, chosen
@@ -26,29 +28,61 @@ KEEP, PAGE = ".thesis", "thesis.html"
 Say = Callable[[Mapping[str, Any]], None]
 
 
-def run_thesis(out: Path, options: ThesisOptions = ThesisOptions(), only: str | None = None, say: Say | None = None) -> dict[str, Made]:
+def run_thesis(
+    out: Path, options: ThesisOptions = ThesisOptions(), only: str | None = None, say: Say | None = None, jobs: int = 1
+) -> dict[str, Made]:
     """Make the experiments (`only`: numbers, by commas) in `out`: thesis.html, a CSV per table, a PNG per figure. Returns what came of each.
 
-    The page shows all experiments that `out` holds. Raises UsageError for an unknown number and a folder of somebody else.
+    jobs : processes that work at once; the results do not depend on it.
+    The page shows all experiments that `out` holds. Raises UsageError for an unknown number, a folder of somebody else and no jobs.
     """
+    require(jobs >= 1, UsageError, f"--jobs {jobs}: at least 1")
     wanted = chosen(only)
     _prepare(out)
     tell: Say = say or (lambda _: None)
     bench = Bench(folder=out / KEEP / "kept", options=options)
-    made: dict[str, Made] = {}
-    for number, experiment in enumerate(wanted, 1):
-        tell({"event": "begin", "id": experiment.id, "title": experiment.title, "number": number, "of": len(wanted)})
-        began = time.perf_counter()
-        found = _kept(out, experiment, options)
-        kept = found is not None
-        if found is None:
-            found = _made(experiment, bench)
-            _write(out, experiment, found, options)
-        made[experiment.id] = found
-        tell({"event": "end", "id": experiment.id, "seconds": time.perf_counter() - began, "kept": kept, "failed": found.failed})
+    kept = {experiment.id: found for experiment in wanted if (found := _kept(out, experiment, options)) is not None}
+    todo = [experiment for experiment in wanted if experiment.id not in kept]
+    for name in kept:
+        tell({"event": "end", "id": name, "seconds": 0.0, "kept": True, "failed": ""})
+    fresh = _at_once(bench, out, todo, tell, jobs) if jobs > 1 and len(todo) > 1 else _in_order(bench, out, todo, tell)
+    made = {experiment.id: {**kept, **fresh}[experiment.id] for experiment in wanted}
     page = {name: item for name, experiment in EXPERIMENTS.items() if (item := made.get(name) or _kept(out, experiment, options)) is not None}
     write_text(out / PAGE, render_page(page, options))
     return made
+
+
+def _in_order(bench: Bench, out: Path, todo: Sequence[Experiment], tell: Say) -> dict[str, Made]:
+    made = {}
+    for number, experiment in enumerate(todo, 1):
+        tell({"event": "begin", "id": experiment.id, "title": experiment.title, "number": number, "of": len(todo)})
+        began = time.perf_counter()
+        made[experiment.id] = found = _made_and_written(out, bench, experiment.id)
+        tell({"event": "end", "id": experiment.id, "seconds": time.perf_counter() - began, "kept": False, "failed": found.failed})
+    return made
+
+
+def _at_once(bench: Bench, out: Path, todo: Sequence[Experiment], tell: Say, jobs: int) -> dict[str, Made]:
+    """First what several share, then the experiments, by `jobs` processes."""
+    made = {}
+    groups = in_turn(chore for experiment in todo for chore in experiment.needs(bench.options))
+    n_chores, began, ended = sum(map(len, groups)), time.perf_counter(), 0
+    with Workers(bench, jobs) as workers:
+        for group in groups:
+            for chore, _ in workers.each(done, group):
+                ended += 1
+                tell({"event": "chore", "id": " ".join(chore), "number": ended, "of": n_chores})
+        for name, found in workers.each(partial(_made_and_written, out), [experiment.id for experiment in todo]):
+            made[name] = found
+            tell({"event": "end", "id": name, "seconds": time.perf_counter() - began, "kept": False, "failed": found.failed})
+    return made
+
+
+def _made_and_written(out: Path, bench: Bench, name: str) -> Made:
+    experiment = EXPERIMENTS[name]
+    found = _made(experiment, bench)
+    _write(out, experiment, found, bench.options)
+    return found
 
 
 def _prepare(out: Path) -> None:

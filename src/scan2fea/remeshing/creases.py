@@ -18,7 +18,8 @@ from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.primitives import Plane, meeting_point
 from scan2fea.kernel.topology import half_edges, surface_topology
 from scan2fea.remeshing.borders import outgoing, unpinched
-from scan2fea.remeshing.planes import Labelled, Neighbours, Scale, one_piece_each, tidied
+from scan2fea.remeshing.planes import Labelled, Neighbours, Scale
+from scan2fea.remeshing.regions import one_piece_each, tidied
 from scan2fea.remeshing.relax import near_faces, relaxed
 from scan2fea.types import FloatArray, IntArray, TriangleMesh, Value
 

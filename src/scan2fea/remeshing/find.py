@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from scan2fea.remeshing.borders import unpinched
-from scan2fea.remeshing.planes import Labelled, Neighbours, Scale, absorbed, grow_planes, merged, one_piece_each, tidied, without_islands
+from scan2fea.remeshing.planes import Labelled, Neighbours, Scale, grow_planes
+from scan2fea.remeshing.regions import absorbed, merged, one_piece_each, tidied, without_islands
 from scan2fea.remeshing.strips import bridged, narrow_planes
 from scan2fea.types import TriangleMesh
 

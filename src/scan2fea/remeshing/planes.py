@@ -1,14 +1,14 @@
-"""Which faces of a noisy surface lie on planes: grown from flat places, tested for bend, then given the rounded bands along creases."""
+"""Which faces of a noisy surface lie on planes: grown from flat places and tested for bend."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from scan2fea.kernel.measures import face_areas, face_normals
 from scan2fea.kernel.primitives import Plane, fit_plane
-from scan2fea.kernel.topology import edge_table, face_components
+from scan2fea.kernel.topology import edge_table
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 
 SEED_COSINE = 0.985  # neighbourhood normals of a seed add up to this share of their sum
@@ -22,10 +22,6 @@ BEYOND = 4  # rings of faces past the border where the surface must have turned 
 GOES_ON = 1.5  # times the turn that the bend inside explains must be seen beyond the border
 ENDS = 0.75  # share of the border where it has; the rest may run into a fillet
 MAX_FAILURES = 400  # seeds in a row without a plane: what is left is curved
-ISLAND_AREA = 12.0  # square spacings: larger pieces of free form are features
-SPECK_AREA = 7.0  # square spacings: smaller pieces of a plane are not worth a face
-PARALLEL = 0.94  # cosine of normals: planes nearer to parallel do not meet in a crease
-MERGE_DEG = 12.0  # two neighbours under this angle are one plane or none
 CORRELATED = 0.35  # of the noise stays in a denoised surface at long waves, where its vertices do not show it
 
 
@@ -170,7 +166,7 @@ def _turned(neighbours: Neighbours, rows: IntArray, plane: Plane, least_rad: flo
     return float(area[neighbours.normals[front] @ plane.normal < np.cos(least_rad)].sum() / area.sum())
 
 
-def _inner_vertices(mesh: TriangleMesh, rows: IntArray) -> IntArray:
+def inner_vertices(mesh: TriangleMesh, rows: IntArray) -> IntArray:
     """Vertices whose faces all belong to `rows`: those on the border are pulled towards what lies beyond."""
     all_faces = np.bincount(mesh.faces.ravel(), minlength=len(mesh.vertices))
     own = np.bincount(mesh.faces[rows].ravel(), minlength=len(mesh.vertices))
@@ -238,7 +234,7 @@ def grow_planes(mesh: TriangleMesh, neighbours: Neighbours, scale: Scale) -> Lab
             continue
         rows, plane = grown
         tried[rows] = True
-        inner = _inner_vertices(mesh, rows)
+        inner = inner_vertices(mesh, rows)
         failures += 1
         if neighbours.areas[rows].sum() < LEAST_AREA * scale.spacing_m**2 or len(inner) < 6:
             continue
@@ -253,154 +249,3 @@ def grow_planes(mesh: TriangleMesh, neighbours: Neighbours, scale: Scale) -> Lab
         planes.append(plane)
     normal, offset = np.array([p.normal for p in planes]).reshape(-1, 3), np.array([p.offset for p in planes])
     return Labelled(label=label, normal=normal, offset=offset, loose=np.full(len(planes), scale.loose_m))
-
-
-def absorbed(mesh: TriangleMesh, neighbours: Neighbours, labelled: Labelled, scale: Scale) -> Labelled:
-    """Faces between planes given to the nearest one where every vertex lies on it or on another plane next to the gap that is not parallel to it:
-    the chamfers by which a reconstruction cuts off its creases.
-    """
-    label = labelled.label.copy()
-    n_planes = len(labelled.offset)
-    if not n_planes:
-        return labelled
-    on = np.abs(mesh.vertices @ labelled.normal.T - labelled.offset) <= labelled.loose  # (n, p)
-    meets = (np.abs(labelled.normal @ labelled.normal.T) < PARALLEL) | np.eye(n_planes, dtype=bool)
-    centre = mesh.vertices[mesh.faces].mean(1)
-    for _ in range(200):
-        front = np.flatnonzero((label < 0) & (label[neighbours.of] >= 0).any(1))
-        if not len(front):
-            break
-        part = np.full(len(label), -1, np.int64)
-        part[label < 0] = face_components(mesh.faces[label < 0])[1]
-        around = planes_around(label, neighbours.of, part, n_planes)[part[front]]
-        best, best_cost = np.full(len(front), -1, np.int64), np.full(len(front), np.inf)
-        for side in range(3):
-            k = label[neighbours.of[front, side]]
-            usable = (around & meets[k])[:, None, :]
-            covered = (on[mesh.faces[front]] & usable).any(2).all(1)
-            height = np.abs(np.einsum("ij,ij->i", centre[front], labelled.normal[k]) - labelled.offset[k])
-            facing = np.einsum("ij,ij->i", neighbours.normals[front], labelled.normal[k])
-            fits = (k >= 0) & covered & (height <= scale.reach_m)
-            cost = np.where(fits, height + 0.5 * scale.spacing_m * (1 - facing), np.inf)
-            better = cost < best_cost
-            best[better], best_cost[better] = k[better], cost[better]
-        taken = best >= 0
-        if not taken.any():
-            break
-        label[front[taken]] = best[taken]
-    return replace(labelled, label=label)
-
-
-def merged(mesh: TriangleMesh, neighbours: Neighbours, labelled: Labelled, scale: Scale) -> Labelled:
-    """Neighbouring regions of one plane made one: those whose joint fit holds the vertices of both. Of two that are nearly parallel yet not one
-    plane the smaller becomes free form: their line of intersection would be anywhere.
-    """
-    label = labelled.label.copy()
-    normal, offset = labelled.normal.copy(), labelled.offset.copy()
-    while True:
-        a, b = label[neighbours.table.twin // 3], np.repeat(label, 3)
-        pairs = np.unique(np.stack([a, b], axis=1)[(a < b) & (a >= 0)], axis=0)
-        close = pairs[np.einsum("ij,ij->i", normal[pairs[:, 0]], normal[pairs[:, 1]]) > np.cos(np.radians(MERGE_DEG))] if len(pairs) else pairs
-        if not len(close):
-            return replace(labelled, label=label, normal=normal, offset=offset)
-        i, j = close[0]
-        rows = np.flatnonzero((label == i) | (label == j))
-        inner = _inner_vertices(mesh, rows)
-        if len(inner) >= 3:
-            plane = fit_plane(mesh.vertices[inner], towards=normal[i])
-            far = [np.percentile(np.abs(plane.distance(mesh.vertices[mesh.faces[label == k]].reshape(-1, 3))), 90) for k in (i, j)]
-        if len(inner) >= 3 and max(far) <= max(labelled.loose[i], labelled.loose[j]):
-            label[rows] = i
-            normal[i], offset[i] = plane.normal, plane.offset
-        else:
-            areas = [neighbours.areas[label == k].sum() for k in (i, j)]
-            label[label == (i, j)[int(areas[1] < areas[0])]] = -1
-
-
-def planes_around(label: IntArray, of: IntArray, part: IntArray, n_planes: int) -> BoolArray:
-    """(parts, planes) True where a plane borders an unlabelled part."""
-    out = np.zeros((int(part.max(initial=-1)) + 1, n_planes), bool)
-    face, side = np.nonzero((part >= 0)[:, None] & (label[of] >= 0))
-    out[part[face], label[of[face, side]]] = True
-    return out
-
-
-def without_islands(mesh: TriangleMesh, neighbours: Neighbours, labelled: Labelled, scale: Scale) -> Labelled:
-    """Islands of free form whose vertices all lie near the planes around them, face by face given to the nearest of these.
-
-    Near: within reach for a small island, within the noise for a large one (a fillet is larger and farther). A small one inside a single plane is
-    filled however deep it is: nothing of its size can be told from an outlier. Not where two of the planes are parallel: between the sides of a
-    plate the island is the wall of a hole.
-    """
-    label = labelled.label.copy()
-    free = np.flatnonzero(label < 0)
-    if not len(free) or not len(labelled.offset):
-        return labelled
-    n_parts, part = face_components(mesh.faces[free])
-    area = np.bincount(part, weights=neighbours.areas[free], minlength=n_parts)
-    order = np.argsort(part, kind="stable")
-    start = np.searchsorted(part[order], np.arange(n_parts + 1))
-    for number in range(n_parts):
-        rows = free[order[start[number] : start[number + 1]]]
-        names = np.unique(label[neighbours.of[rows]])
-        names = names[names >= 0]
-        cosine = np.abs(labelled.normal[names] @ labelled.normal[names].T)
-        if not len(names) or (cosine - np.eye(len(names)) > PARALLEL).any():
-            continue
-        gap = np.abs(mesh.vertices[mesh.faces[rows]] @ labelled.normal[names].T - labelled.offset[names])  # (f, 3, p)
-        small = area[number] < ISLAND_AREA * scale.spacing_m**2
-        if (small and len(names) == 1) or gap.min(2).max() <= (scale.reach_m if small else scale.strip_m):
-            label[rows] = names[gap.max(1).argmin(1)]
-    return replace(labelled, label=label)
-
-
-def tidied(mesh: TriangleMesh, neighbours: Neighbours, labelled: Labelled, scale: Scale) -> Labelled:
-    """Specks of planes given to the neighbour with the longest common border that they lie near to."""
-    label = labelled.label.copy()
-    lengths = np.linalg.norm(mesh.vertices[mesh.faces] - mesh.vertices[np.roll(mesh.faces, -1, axis=1)], axis=2)
-    for _ in range(6):
-        same = label[neighbours.table.twin // 3] == np.repeat(label, 3)
-        joined = np.zeros(len(neighbours.table.edges), bool)
-        joined[neighbours.table.edge_of[same]] = True
-        n, part = face_components(mesh.faces, joined)
-        area = np.bincount(part, weights=neighbours.areas, minlength=n)
-        small = (area[part] < SPECK_AREA * scale.spacing_m**2) & (label >= 0)
-        before = label.copy()
-        for number in np.unique(part[small]):
-            rows = np.flatnonzero(part == number)
-            label[rows] = _best_neighbour(mesh, neighbours, labelled, label, rows, lengths, scale.reach_m)
-        if np.array_equal(label, before):
-            break
-    return replace(labelled, label=label)
-
-
-def _best_neighbour(
-    mesh: TriangleMesh, neighbours: Neighbours, labelled: Labelled, label: IntArray, rows: IntArray, lengths: FloatArray, reach: float
-) -> int:
-    """The label with the longest common border with `rows`; -1 if they lie too far from that plane."""
-    beyond = label[neighbours.of[rows]].ravel()
-    other = beyond != label[rows[0]]
-    if not other.any():
-        return int(label[rows[0]])
-    names, index = np.unique(beyond[other], return_inverse=True)
-    winner = int(names[np.bincount(index, weights=lengths[rows].ravel()[other]).argmax()])
-    if winner >= 0 and np.abs(mesh.vertices[mesh.faces[rows]] @ labelled.normal[winner] - labelled.offset[winner]).max() > reach:
-        return -1
-    return winner
-
-
-def one_piece_each(mesh: TriangleMesh, neighbours: Neighbours, labelled: Labelled) -> Labelled:
-    """Pieces of one plane that do not touch become regions of their own, numbered by first face."""
-    label = labelled.label
-    same = label[neighbours.table.twin // 3] == np.repeat(label, 3)
-    joined = np.zeros(len(neighbours.table.edges), bool)
-    joined[neighbours.table.edge_of[same]] = True
-    _, part = face_components(mesh.faces, joined)
-    on_plane = np.flatnonzero(label >= 0)
-    if not len(on_plane):
-        return Labelled(label=label, normal=np.zeros((0, 3)), offset=np.zeros(0), loose=np.zeros(0))
-    _, first, packed = np.unique(part[on_plane], return_index=True, return_inverse=True)
-    out = np.full(len(label), -1, np.int64)
-    out[on_plane] = packed
-    old = label[on_plane[first]]
-    return Labelled(label=out, normal=labelled.normal[old], offset=labelled.offset[old], loose=labelled.loose[old])

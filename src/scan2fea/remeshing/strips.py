@@ -12,7 +12,8 @@ import numpy as np
 
 from scan2fea.kernel.primitives import Plane
 from scan2fea.kernel.topology import face_components, vertex_faces
-from scan2fea.remeshing.planes import Labelled, Neighbours, Scale, planes_around
+from scan2fea.remeshing.planes import Labelled, Neighbours, Scale
+from scan2fea.remeshing.regions import planes_around
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
 
 OPPOSITE = -0.94  # cosine between the outward normals of a plate's two sides

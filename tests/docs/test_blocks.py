@@ -1,4 +1,4 @@
-"""Every code block of README.md, CONTRIBUTING.md and docs/: command lines are parsed by the real parser, their options looked up, TOML is loaded, Python is run."""
+"""Every code block of the pages: command lines are parsed by the real parser, their options looked up, TOML is loaded, Python is run."""
 
 import argparse
 import re
@@ -6,8 +6,8 @@ import shlex
 import tomllib
 
 import pytest
-from docs.blocks import PAGES, ROOT, blocks_of, commands, every_block, spoken
 
+from docs.blocks import PAGES, ROOT, blocks_of, commands, every_block, spoken
 from scan2fea.cli.parser import parser
 from scan2fea.cli.settings import config_of
 from scan2fea.pipeline.config import Config, load_config
@@ -41,7 +41,9 @@ def test_command_lines_are_understood(page, line):
         except SystemExit:
             pytest.fail(f"{page}: the parser refuses: {variant}")
         if hasattr(given, "settings") and not given.config:
-            config_of(argparse.Namespace(**{**vars(given), "method": None if getattr(given, "method", None) == "M" else getattr(given, "method", None)}))
+            if getattr(given, "method", None) == "M":
+                given.method = None
+            config_of(given)
 
 
 @pytest.mark.parametrize(("page", "line"), SPOKEN)

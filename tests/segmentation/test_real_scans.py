@@ -12,7 +12,9 @@ from scan2fea.kernel.distances import distance_to_mesh
 from scan2fea.kernel.transforms import rigid, rotation_about
 from scan2fea.registration import RegistrationOptions, place, read_poses
 from scan2fea.segmentation import SegmentationOptions, segment_scene, select
+from scan2fea.segmentation.metrics import agreement
 from scan2fea.simulation.shapes import posed
+from scan2fea.types import PointCloud, Scan
 
 DATA = Path(os.environ.get("SCAN2FEA_DATA", Path(__file__).parents[2] / "../shared/data"))
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the real scans are not here (SCAN2FEA_DATA)")
@@ -57,3 +59,11 @@ def test_the_bunny_is_one_object():
     found = segment_scene(placed.scan)
     assert select(placed.scan.cloud, found).labels == (0,)
     assert (found.labels == 0).mean() > 0.999
+
+
+def test_girder_and_brace_part_and_the_girders_hidden_joint_does_not_part_it():
+    scan = read_scan(DATA / "structural/pc2beam/test_points.txt", InputOptions(labels="7")).scan
+    found = segment_scene(Scan(cloud=PointCloud.of(scan.cloud.points)))
+    good = agreement(scan.cloud.label, found.labels)
+    assert len(found.kinds) == 2
+    assert good.iou.min() > 0.9

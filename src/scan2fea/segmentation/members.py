@@ -6,8 +6,8 @@
    an obstacle hides in part.
 4. What is left (ends, stiffeners, bolts, plates of a joint) goes to the member it lies on; what sticks out is an object of its own.
 
-A cluster falls apart only if it is mostly made of members, and of two or more that are long: a table, a vessel on legs, a tee of two stubs stay
-whole.
+A cluster falls apart only if it is mostly made of members, and of two or more that are long, or of a girder and a brace: a table, a vessel on legs, a
+tee of two stubs stay whole.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ from scan2fea.kernel.noise import noise_sigma, spacing
 from scan2fea.kernel.normals import pca_normals
 from scan2fea.kernel.spanning_tree import tree_parts
 from scan2fea.kernel.voxels import voxel_mean
-from scan2fea.segmentation.sweeps import GAP, SLICE, across, directions, refined_axis, run_lengths, slice_profile
+from scan2fea.segmentation.sweeps import GAP, ONE_FACE, SLICE, across, directions, refined_axis, run_lengths, slice_profile
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 LONG = 6.0  # a member's length over the larger side of its section, for a cluster to fall apart because of it
+_BEAM = 3.0  # the same of a girder and its brace: below it EN 1992-1-1, 5.3.1 calls a beam, or a column, by another name
 _STUB = 2.5  # the same for what else becomes a member once it does
 _EXPLAINED = 0.6  # of the points must lie on long members
 _MOST = 40_000  # points that are looked at
@@ -38,6 +39,7 @@ _TAIL = 0.01  # of the points may lie outside a member's box at each side
 _LINK = 3.5  # spacings: neighbours on one surface (radius.link_radius)
 _ALONG = 0.5  # of its length that a piece lies along another to be one with it
 _IN_LINE = 0.97  # cosine of 14 degrees
+_OBLIQUE = 0.26  # cosine of 75 degrees
 _ALIKE = 1.35  # ratio of widths that still is the same section
 _MOST_CUTS = 40
 _EMPTY = 0.75  # of its usual share: less, and the section is not there
@@ -219,7 +221,17 @@ def _passes(thin: _Thin, rows: IntArray, piece: IntArray, axes: FloatArray, p: i
     if not inside.any():
         return False
     others, counts = np.unique(piece[inside], return_counts=True)
-    return any(n >= _NORMAL_NEIGHBOURS and abs(float(axes[q] @ axis)) < _IN_LINE for q, n in zip(others, counts, strict=True))
+    passing = [q for q, n in zip(others, counts, strict=True) if n >= _NORMAL_NEIGHBOURS and abs(float(axes[q] @ axis)) < _IN_LINE]
+    return any(_is_on_both_sides(thin, rows, np.flatnonzero((piece == q) & (z >= low - thin.h) & (z <= high + thin.h))) for q in passing)
+
+
+def _is_on_both_sides(thin: _Thin, rows: IntArray, others: IntArray) -> bool:
+    """False where the piece (rows) is one plane sheet and the others lie on one side of it only: a brace that ends under a flange."""
+    values, axes = np.linalg.eigh(thin.normals[rows].T @ thin.normals[rows] / len(rows))
+    if values[1] >= ONE_FACE:
+        return True
+    height = (thin.points[others] - np.median(thin.points[rows], axis=0)) @ axes[:, 2]
+    return bool(min((height > thin.h).sum(), (height < -thin.h).sum()) >= _NORMAL_NEIGHBOURS / 2)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -318,10 +330,13 @@ def _in_line(one: _Extent, other: _Extent) -> bool:
 
 
 def _members_of(thin: _Thin, group: IntArray) -> tuple[IntArray, list[_Extent]] | None:
-    """Number (n,) of the member that each point lies on, -1 none, and the boxes; None where the cluster is not made of two long ones or more."""
+    """Number (n,) of the member that each point lies on, -1 none, and the boxes; None where the cluster is not made of two long ones or more.
+
+    Two that meet at a slant are two already at three times their width if one is a third wider than the other: a girder and its brace. Stubs that
+    meet square may be one welded body, and how much of a section was seen tells too little of their sizes.
+    """
     out = np.full(len(group), -1, np.int64)
     extents: list[_Extent] = []
-    n_long, explained = 0, 0
     for g in range(int(group.max(initial=-1)) + 1):
         rows = np.flatnonzero(group == g)
         if len(rows) < _LEAST_PIECE:
@@ -331,9 +346,18 @@ def _members_of(thin: _Thin, group: IntArray) -> tuple[IntArray, list[_Extent]] 
             continue
         out[rows] = len(extents)
         extents.append(extent)
-        if extent.length >= LONG * extent.width:
-            n_long, explained = n_long + 1, explained + len(rows)
-    return (out, extents) if n_long >= 2 and explained >= _EXPLAINED * len(group) else None
+    counts = np.bincount(out[out >= 0], minlength=len(extents))
+    slender = np.array([extent.length / extent.width for extent in extents])
+    width = np.array([extent.width for extent in extents])
+
+    def is_made_of(those: BoolArray) -> bool:
+        return int(those.sum()) >= 2 and int(counts[those].sum()) >= _EXPLAINED * len(group)
+
+    beams = slender >= _BEAM
+    axes = np.array([extent.axis for extent in extents]).reshape(-1, 3)
+    cosine = np.abs(axes @ axes.T)
+    braced = (width[:, None] > _ALIKE * width) & (cosine > _OBLIQUE) & (cosine < _IN_LINE) & beams[:, None] & beams
+    return (out, extents) if is_made_of(slender >= LONG) or (braced.any() and is_made_of(beams)) else None
 
 
 def _run_through(thin: _Thin, member: IntArray, extents: list[_Extent]) -> IntArray:

@@ -21,6 +21,7 @@ from scan2fea.segmentation.planes import PlaneFinder
 from scan2fea.segmentation.primitives import find_primitives, primitive_row, primitives
 from scan2fea.segmentation.radius import link_radius
 from scan2fea.segmentation.scenes import things_of
+from scan2fea.segmentation.shadow import one_section
 from scan2fea.segmentation.single import single
 from scan2fea.segmentation.supports import Supports, find_supports
 from scan2fea.types import FloatArray, IntArray, PointCloud, Scan, Segments
@@ -72,7 +73,7 @@ def segment_scene(scan: Scan, options: SegmentationOptions = SegmentationOptions
     else:
         pieces = [(rows, "object") for rows in clusters]
     if options.members and options.method == "euclidean":
-        pieces = _by_members(cloud.points, pieces, options)
+        pieces = _of_one_section(_by_members(cloud.points, pieces, options), scan, options.seed)
     how = {"method": options.method, "radius_m": own_radius, "n_supports": len(supports.planes), "n_things": len(pieces)}
     return _numbered(supports, pieces, how)
 
@@ -97,6 +98,14 @@ def _by_members(points: FloatArray, pieces: list[tuple[IntArray, str]], options:
     for (rows, kind), labels in zip(pieces, in_threads(labels_of, pieces), strict=True):
         out += [(rows[labels == label], kind) for label in range(int(labels.max(initial=-1)) + 1)]
     return out
+
+
+def _of_one_section(pieces: list[tuple[IntArray, str]], scan: Scan, seed: int) -> list[tuple[IntArray, str]]:
+    """The same, with objects that are parts of one section put together."""
+    objects = [rows for rows, kind in pieces if kind == "object"]
+    number = one_section(scan.cloud.points, objects, scan.sensors(), seed)
+    joined = [np.sort(np.concatenate([objects[k] for k in np.flatnonzero(number == n)])) for n in range(int(number.max(initial=-1)) + 1)]
+    return [(rows, "object") for rows in joined] + [(rows, kind) for rows, kind in pieces if kind != "object"]
 
 
 def _numbered(supports: Supports, pieces: list[tuple[IntArray, str]], how: Mapping[str, object]) -> Segments:

@@ -26,6 +26,7 @@ _SAME = 0.9962  # cosine of 5 degrees: votes for one direction
 _OTHER = 0.9848  # cosine of 10 degrees: votes that are used up with it
 _LEAST_VOTES = 0.005
 _MOST_DIRECTIONS = 16
+ONE_FACE = 0.1  # second moment of the normals square to their main direction: less, and all are alike
 _SCALES = (96, 256)  # neighbours whose cloud may be a line
 _LINE = 3.0  # length over width from which it is one
 
@@ -117,7 +118,7 @@ def refined_axis(points: FloatArray, normals: FloatArray, axis: FloatArray) -> F
     """The direction (3,) that the normals (n, 3) of one member are most nearly square to; of a single face its long axis, if near to `axis`."""
     values, vectors = np.linalg.eigh(normals.T @ normals / len(normals))
     found = vectors[:, 0]
-    if values[1] < 0.1:  # all normals alike
+    if values[1] < ONE_FACE:
         centred = points - points.mean(axis=0)
         found = np.linalg.eigh(centred.T @ centred)[1][:, 2]
     return found if abs(float(found @ axis)) >= _OTHER else axis

@@ -1,10 +1,13 @@
 """Surfaces as a reconstruction leaves them (rounded creases, noise, slivers) made flat, sharp and even."""
 
+import sys
+
 import numpy as np
 import pytest
 
 from predicates import assert_closed_manifold_oriented, assert_no_crossing, box, l_beam, moved, rotation, sphere, two_sided
 from scan2fea.errors import MeshingError
+from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_normals, volume
 from scan2fea.kernel.quality import triangle_quality
 from scan2fea.kernel.topology import face_components, surface_topology
@@ -130,3 +133,21 @@ def test_open_and_crossing_surfaces_are_refused():
     v[0] *= -1.3
     with pytest.raises(MeshingError, match="do not cross"):
         remesh(TriangleMesh(vertices=v, faces=ball.faces), spacing_m=0.1, sigma_m=0.0)
+
+
+def test_the_budget_of_faces_grows_where_the_shape_would_be_lost(monkeypatch):
+    mesh = bumpy_sphere(rounds=5)
+    few = remesh(mesh, RemeshOptions(max_faces=600), spacing_m=0.02, sigma_m=0.001)
+    remesher = sys.modules[remesh.__module__]
+    monkeypatch.setattr(remesher, "FACES", 600)
+    monkeypatch.setattr(remesher, "MORE_FACES", 2400)
+    more = remesh(mesh, spacing_m=0.02, sigma_m=0.001)
+    assert len(few.mesh.faces) < 1000 < len(more.mesh.faces)
+    lost = [np.mean(PointToMesh(found.mesh).nearest(mesh.vertices).distance > 0.013) for found in (few, more)]
+    assert lost[1] < 0.5 * lost[0]
+    assert_fit_for_fe(more)
+
+
+def bumpy_sphere(rounds: int) -> TriangleMesh:
+    ball = sphere(rounds=rounds)
+    return TriangleMesh(vertices=ball.vertices * (1 + 0.06 * np.prod(np.sin(7 * ball.vertices), axis=1, keepdims=True)), faces=ball.faces)

@@ -32,6 +32,8 @@ EXACT_SCAN = 0.01  # of the spacing: less noise than this leaves creases sharp
 DRIFT = 0.3  # spacings that one change of the triangles may move the surface
 RESTARTS = 3
 VOLUME_DRIFT, FINER = 0.01, 0.6
+LOST_SIGMAS, LOST_SPACINGS, LOST = 3.0, 0.5, 0.005  # half of the stray points that the final geometry may have
+FACES, MORE_FACES = 10_000, 17_000  # a third more come out; CAD systems bear 24,000 facets
 POOR_DEG = 15.0
 
 
@@ -40,7 +42,12 @@ class RemeshOptions:
     """How the surface is made fit for finite elements."""
 
     edge_m: float | None = option(None, "edge length of the triangles; from the data: twice the point spacing", unit="m", minimum=0)
-    max_faces: int = option(10_000, "edges are made longer where the surface would take more faces than this", unit="faces", minimum=100)
+    max_faces: int | None = option(
+        None,
+        "edges are made longer where the surface would take more faces; from the data: 10,000, or 17,000 where its shape would be lost",
+        unit="faces",
+        minimum=100,
+    )
     planes: bool = option(True, "find planes, make them exactly flat and their creases straight")
     relax: str = option("none", "Lloyd or ODT as the last step, sliding on the surface; free: as in the thesis, which wears it off", choices=KINDS)
     relaxations: int = option(200, "iterations of Lloyd or ODT", minimum=0)
@@ -83,11 +90,14 @@ def remesh(mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spac
         found = _flat(mesh, options, spacing_m, sigma_m, edge)
     flat, planes = found.mesh, found.planes
     crease_deg = CREASE_DEG if sigma_m < EXACT_SCAN * spacing_m else 180.0  # in noise every edge may be sharp
-    result, taken_back = _even(flat, planes, edge, finest, crease_deg, drift, options)
-    if abs(volume(result) / volume(flat) - 1) > VOLUME_DRIFT and options.rounds and not options.edge_m:
-        # thin free-form walls were cut short: finer triangles that may stray less
-        finer, more = _even(flat, planes, FINER * edge, FINER * finest, crease_deg, FINER * drift, options)
-        if abs(volume(finer) / volume(flat) - 1) < abs(volume(result) / volume(flat) - 1):
+    far = LOST_SIGMAS * sigma_m + LOST_SPACINGS * spacing_m
+    is_bound = not options.rounds or options.edge_m is not None  # by what the user asked for
+    result, taken_back = _even(flat, planes, edge, finest, crease_deg, drift, options, np.inf if is_bound else far)
+    if not is_bound and _worn(result, flat, far) > 1:
+        # thin walls were cut short, or curves that the budget of faces cannot follow: finer triangles that may stray less
+        more_faces = replace(options, max_faces=options.max_faces or MORE_FACES)
+        finer, more = _even(flat, planes, FINER * edge, FINER * finest, crease_deg, FINER * drift, more_faces, np.inf)
+        if _worn(finer, flat, far) < _worn(result, flat, far):
             result, taken_back = finer, taken_back + more
     result, relaxed_how = relaxed_by(options.relax, result, options.relaxations, drift)
     planes = () if options.relax.endswith("free") else planes
@@ -108,26 +118,42 @@ def remesh(mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spac
     )
 
 
+def _worn(mesh: TriangleMesh, surface: TriangleMesh, far_m: float) -> float:
+    """How much of the surface the new mesh loses, of what it may: volume, and vertices left farther than `far_m` off."""
+    lost = float(np.mean(PointToMesh(mesh).nearest(surface.vertices).distance > far_m))
+    return max(abs(volume(mesh) / volume(surface) - 1) / VOLUME_DRIFT, lost / LOST)
+
+
 def _even(
-    flat: TriangleMesh, planes: tuple[Plane, ...], edge_m: float, finest_m: float, crease_deg: float, drift_m: float, options: RemeshOptions
+    flat: TriangleMesh,
+    planes: tuple[Plane, ...],
+    edge_m: float,
+    finest_m: float,
+    crease_deg: float,
+    drift_m: float,
+    options: RemeshOptions,
+    far_m: float,
 ) -> tuple[TriangleMesh, int]:
     """`flat` with triangles of even size, and how many steps were taken back. Where free form keeps crossing itself, a spike or a pit is in the way:
     it is relaxed in the surface that is followed, and all is done again; the result with the fewest poor faces stays.
+
+    far_m : a result that loses too many vertices by this distance is given up at once.
     """
     best, best_poor, taken_back = flat, np.inf, 0
     surface = flat
     for restart in range(RESTARTS):
         is_sharp = sharp_edges(surface, crease_deg)
-        goal = edge_goal(surface, is_sharp, edge_m, finest_m, options.max_faces)
+        goal = edge_goal(surface, is_sharp, edge_m, finest_m, options.max_faces or FACES)
         give = max(drift_m, CHORD * float(np.median(goal)))
         guide = Guide(surface=free_form(surface), creases=crease_guide(surface, is_sharp), planes=dict(enumerate(planes)), drift_m=give)
         work, trouble = isotropic(opened(surface, is_sharp, goal), guide, options.rounds)
         mesh = closed(work)
         taken_back += len(trouble)
         poor = int((triangle_quality(mesh.vertices, mesh.faces)["min_angle_deg"] < POOR_DEG).sum())
+        is_last = poor > 0.5 * best_poor  # going on helps little
         if poor < best_poor:
             best, best_poor = mesh, poor
-        if len(trouble) < RETRIES or not poor:
+        if len(trouble) < RETRIES or not poor or is_last or (far_m < np.inf and _worn(mesh, flat, far_m) > 1):
             break
         near = np.zeros(len(surface.vertices), bool)
         for crossed in trouble:

@@ -4,46 +4,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from occluded import rings
-from scan2fea.kernel.trajectories import between
-from scan2fea.kernel.transforms import inverse, rigid, rotation_about
+from scan2fea.kernel.transforms import inverse
+from scan2fea.registration.agreement import Agreement
 from scan2fea.registration.joint import joint
 from scan2fea.registration.map_patches import FLATTEST, map_surfaces
 from scan2fea.registration.motion import moved, stepped
-from scan2fea.registration.odometry import VISIBLE, Odometry, Sweeps, _changed, _each, _mean, _reversed, _strided, _turned, odometry
-
-PERIOD = 0.1
-LOW, HIGH = np.array([-6.0, -5.0, -1.6]), np.array([7.0, 5.0, 2.4])
-BOXES = ((np.array([2.0, 1.0, -1.6]), np.array([3.0, 2.2, -0.2])), (np.array([-3.0, -3.0, -1.6]), np.array([-2.0, -2.4, 0.8])))
-
-
-def swept(knots, sigma, n_columns=120, seed=0, high=HIGH, low=LOW, boxes=BOXES):
-    """Sweeps of a room with boxes (a corridor where its ends are far), cast exactly from a scanner that moves evenly between knots."""
-    rng = np.random.default_rng(seed)
-    direction, _ = rings(n_columns)
-    share = np.mod(-np.arctan2(direction[:, 1], direction[:, 0]), 2 * np.pi) / (2 * np.pi)
-    order = np.argsort(share, kind="stable")
-    direction, share = direction[order], share[order]
-    points, sweep, shares = [], [], []
-    for k in range(len(knots) - 1):
-        R, x = between(knots, np.full(len(share), k), share)
-        ray = np.einsum("nij,nj->ni", R, direction)
-        with np.errstate(divide="ignore"):
-            reach = np.min(np.where(ray > 0, (high - x) / ray, (low - x) / ray), axis=1)
-            for a, b in boxes:
-                near, far = (np.array([a, b])[:, None] - x) / ray
-                enters, leaves = np.minimum(near, far).max(axis=1), np.maximum(near, far).min(axis=1)
-                reach = np.where((enters < leaves) & (enters > 0), np.minimum(reach, enters), reach)
-        seen = reach < 30.0
-        reach = reach + sigma * rng.standard_normal(len(reach))
-        points.append((direction * reach[:, None])[seen])
-        sweep.append(np.full(int(seen.sum()), k))
-        shares.append(share[seen])
-    return Sweeps(points=np.concatenate(points), sweep=np.concatenate(sweep), share=np.concatenate(shares), period_s=PERIOD)
-
-
-def even(n, step, turn_deg):
-    return np.array([rigid(rotation_about((0, 0, 1), np.radians(turn_deg) * k), np.array(step) * k) for k in range(n + 1)])
+from scan2fea.registration.odometry import VISIBLE, Odometry, _changed, _each, _mean, _reversed, _strided, _turned, odometry
+from swept import PERIOD, even, swept
 
 
 def errors(T, truth):
@@ -149,8 +116,12 @@ def test_reversal_strides_and_means():
 
 def test_no_motion_is_not_believed_where_the_ranges_changed():
     still = {"T_world_knot": np.tile(np.eye(4), (3, 1, 1)), "std_m": np.full(3, 0.001), "std_rad": np.full(3, 0.001), "disagreement_m": 0.0}
-    rest = {"slide_m": 0.001, "slide": np.array([1.0, 0, 0]), "open_m": 0.1, "stride": 1, "used": 1.0}
+    agreed = Agreement(contradicted=0.0, limit=0.05, pair=(0, 1))
+    rest = {"slide_m": 0.001, "slide": np.array([1.0, 0, 0]), "open_m": 0.1, "stride": 1, "used": 1.0, "agreement": agreed}
     stuck = Odometry(changed=0.5, **still, **rest)
     assert stuck.is_stuck and not stuck.stands and not stuck.is_sure
     assert Odometry(changed=0.0, **still, **rest).stands
     assert not Odometry(changed=0.0, **still, **{**rest, "slide_m": 1.0}).is_sure
+    for share, sure in ((0.05, True), (0.0501, False), (np.nan, False)):
+        told = Agreement(contradicted=share, limit=0.05, pair=(0, 1))
+        assert Odometry(changed=0.0, **still, **{**rest, "agreement": told}).is_sure == sure

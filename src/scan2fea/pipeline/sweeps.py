@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,7 +55,7 @@ def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Traj
     at = (time - begun) / period
     sweep = np.floor(at).astype(np.int64)
     order = np.lexsort((at, sweep))
-    sweeps = Sweeps(points=raw.scan.cloud.points[order], sweep=_packed(sweep[order]), share=(at - sweep)[order], period_s=period)
+    sweeps = Sweeps(points=raw.scan.cloud.points[order], sweep=_packed(sweep[order]), share=(at - sweep)[order], period_s=period, gap_rad=_gap(rays))
     found = odometry(sweeps, _range_noise(rays, raw.scan.cloud.ray, time))
     if not found.is_sure:
         return replace(raw, notes=(*raw.notes, f"{_why_not(found)}: it stays as it lies; give its motion with --poses")), None
@@ -68,7 +69,7 @@ def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Traj
     says = (
         f"{len(sweeps)} sweeps of a moving scanner were put together: it went {far:.3g} m; its last place has a standard deviation of "
         f"{float(found.std_m[-1]):.2g} m and {np.degrees(float(found.std_rad[-1])):.2g} degrees against its first; "
-        "slow motion over a bare floor can be lost although both ways agree: look at the cloud"
+        f"distant sweeps contradict {found.agreement.contradicted:.1%} of each other's points at most ({found.agreement.limit:.0%} allowed)"
     )
     return _moved(raw, path, sweep, at - sweep, says), path
 
@@ -80,6 +81,14 @@ def _why_not(found: Odometry) -> str:
     if found.is_open:
         x, y, z = found.slide.tolist()
         return f"its motion could not be found: what it saw leaves it free to slide by {found.slide_m:.2g} m along ({x:.2f}, {y:.2f}, {z:.2f})"
+    told = found.agreement
+    if not told.holds and not math.isnan(told.contradicted):
+        return (
+            f"its motion could not be found: under the best motion the beams of sweep {told.pair[1] + 1} contradict {told.contradicted:.0%} of what "
+            f"sweep {told.pair[0] + 1} saw ({told.limit:.0%} allowed)"
+        )
+    if not told.holds:
+        return "its motion could not be found: no two sweeps see the same part of the scene"
     return f"its motion could not be found: forwards and backwards in time differ by {found.disagreement_m:.2g} m"
 
 
@@ -145,6 +154,21 @@ def _cut(time_s: FloatArray, period: float) -> float:
     end = int(np.argmax(np.minimum(run, _PARTS)))
     middle = ((end + 1 - 0.5 * float(run[end])) / _PARTS) % 1.0
     return float(start + (middle - 1.0) * period)
+
+
+def _gap(rays: Rays) -> float:
+    """Angle between neighbouring beams of the fan, rad, 0 where it is one beam or not known: from ring to ring by their elevation about the turning
+    axis, or along a ring where that is more.
+    """
+    if rays.ring is None:
+        return 0.0
+    elevation = np.arcsin(np.clip(rays.direction[:, 2], -1.0, 1.0))
+    of_ring = np.sort([float(np.median(elevation[rays.ring == ring])) for ring in np.unique(rays.ring)])
+    if len(of_ring) < 2:
+        return 0.0
+    order = np.argsort(rays.ring, kind="stable")
+    along = np.linalg.norm(np.diff(rays.direction[order], axis=0), axis=1)[np.diff(rays.ring[order]) == 0]
+    return max(float(np.median(np.diff(of_ring))), float(np.median(along)) if len(along) else 0.0)
 
 
 def _packed(sweep: IntArray) -> IntArray:

@@ -21,6 +21,7 @@ from scan2fea.kernel.normals import pca_normals
 from scan2fea.kernel.trajectories import between
 from scan2fea.kernel.transforms import applied, inverse, rigid
 from scan2fea.kernel.voxels import voxel_mean
+from scan2fea.registration.agreement import Agreement, Fans, agreement
 from scan2fea.registration.icp import orthonormal, robust_scale, tukey
 from scan2fea.registration.joint import joint
 from scan2fea.registration.motion import deskewed
@@ -32,6 +33,7 @@ SIGMAS = 3.0
 STANDS = 3.0
 AGREE = 0.1
 VISIBLE = 0.04  # of the beams must have changed from one step to the next, or the motion is not seen; by less of them a scanner stands
+LOST = 0.5  # of a sweep contradicted by another: the search has lost its way, and no adjustment of all poses brings it back
 OPEN_EDGES = 1.0  # a slide that the surfaces hold no better than this is open
 MAP_SWEEPS = 30
 REACH_EDGES = 5.0
@@ -50,13 +52,14 @@ _SETTLING, _ROUNDS = 1, 4  # of all sweeps: the planes are grown anew in each, a
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sweeps(Value):
     """Points of k sweeps. points : (n, 3) each in the frame of the sensor at its moment.   sweep : (n,) rising from 0.   share : (n,) of the sweep's
-    time that had passed.   period_s : of a sweep.
+    time that had passed.   period_s : of a sweep.   gap_rad : between neighbouring beams of the fan, 0 where not known.
     """
 
     points: FloatArray
     sweep: IntArray
     share: FloatArray
     period_s: float
+    gap_rad: float = 0.0
 
     def __len__(self) -> int:
         return int(self.sweep[-1]) + 1
@@ -68,7 +71,8 @@ class Odometry(Value):
     std_m, std_rad : (k + 1,) relative to the first.   disagreement_m : of the ways found forwards and backwards in time, at the pose where it is
     largest.   changed : share of the beams whose range is not that of the first sweep in the last one, beyond noise and beyond what changes from one
     sweep to the next.   slide_m, slide : how well the surfaces alone hold a drift, and the direction (3,) in which they do so least; `open_m` is
-    what they must hold.   stride : sweeps from one step of the search to the next.   used : share of points on surfaces.
+    what they must hold.   stride : sweeps from one step of the search to the next.   used : share of points on surfaces.   agreement : of distant
+    sweeps with each other under these poses.
     """
 
     T_world_knot: FloatArray
@@ -81,6 +85,7 @@ class Odometry(Value):
     open_m: float
     stride: int
     used: float
+    agreement: Agreement
 
     @property
     def is_open(self) -> bool:
@@ -89,10 +94,13 @@ class Odometry(Value):
 
     @property
     def is_sure(self) -> bool:
-        """True where both ways are one (they differ by no more than a tenth of the way, or by what chance makes of it) and no direction is open."""
+        """True where both ways are one (they differ by no more than a tenth of the way, or by what chance makes of it), no direction is open and
+        distant sweeps agree.
+        """
         way = float(np.linalg.norm(np.diff(self.T_world_knot[:, :3, 3], axis=0), axis=1).sum())
         chance = math.sqrt(max(float(np.nanmax(self.std_m)) ** 2 - 0.5 * self.disagreement_m**2, 0.0))
-        return self.disagreement_m <= max(AGREE * way, STANDS * chance) and not self.is_open and not self.is_stuck
+        one_way = self.disagreement_m <= max(AGREE * way, STANDS * chance)
+        return one_way and self.agreement.holds and not self.is_open and not self.is_stuck
 
     @property
     def is_stuck(self) -> bool:
@@ -117,18 +125,20 @@ def odometry(sweeps: Sweeps, sigma_m: float) -> Odometry:
     What the two differ by at a pose is not chance alone: it is added to its standard deviation. Whether they are one way at all is `disagreement_m`.
     """
     few = _thinned(sweeps, sigma_m)
+    fans = Fans(sweeps.points, sweeps.sweep, sweeps.share, sigma_m, sweeps.gap_rad)
     sigma = max(sigma_m, _LEAST_SIGMA_EDGES * few.edge_m)
     changed = _step_change(sweeps, max(len(sweeps) - 3, 1), sigma) - _step_change(sweeps, 1, sigma)
     back = _reversed(few.sweeps)
-    stride, starts = _begun(sweeps, few.sweeps, back, few.edge_m, sigma, changed)
+    stride, starts = _begun(sweeps, few.sweeps, back, few.edge_m, sigma, fans)
     there, again = _adjusted(few.sweeps, starts[0], few.edge_m, sigma), _adjusted(back, starts[1], few.edge_m, sigma)
     off = _apart(there.T_world_knot, _turned(again.T_world_knot))
     rounds = np.concatenate([there.rounds, [_turned(T) for T in again.rounds]])
     # of one way: the two begin at other sweeps, and what they differ by is told apart
     scatter = np.sqrt(np.mean([_apart(there.T_world_knot, each) ** 2 for each in there.rounds], axis=0))
     std = np.sqrt(there.std**2 + scatter**2 + 0.5 * off**2)
+    T = _mean(rounds)
     return Odometry(
-        T_world_knot=_mean(rounds),
+        T_world_knot=T,
         std_m=std[:, 1],
         std_rad=std[:, 0],
         disagreement_m=float(off[:, 1].max()),
@@ -138,6 +148,7 @@ def odometry(sweeps: Sweeps, sigma_m: float) -> Odometry:
         open_m=OPEN_EDGES * few.edge_m,
         stride=stride,
         used=there.used,
+        agreement=agreement(fans, T),
     )
 
 
@@ -147,22 +158,22 @@ def _turned(T_world_knot: FloatArray) -> FloatArray:
     return turned
 
 
-def _begun(
-    sweeps: Sweeps, few: Sweeps, back: Sweeps, edge: float, sigma_m: float, changed: float
-) -> tuple[int, tuple[FloatArray, FloatArray]]:
+def _begun(sweeps: Sweeps, few: Sweeps, back: Sweeps, edge: float, sigma_m: float, fans: Fans) -> tuple[int, tuple[FloatArray, FloatArray]]:
     """Sweeps per step of the search, and the ways it found forwards and backwards: of the fewest sweeps with which both are one way.
 
-    A way that stands still although the ranges changed is none. Where no two agree, those that differ least.
+    A way under which a sweep contradicts most of another is lost. Where no two are one way, those that differ least, or are lost least.
     """
-    best: tuple[float, int, tuple[FloatArray, FloatArray]] | None = None
+    best: tuple[tuple[float, float], int, tuple[FloatArray, FloatArray]] | None = None
     for stride in _strides(sweeps, sigma_m):
         there, again = (_each(_in_turn(_strided(each, stride), edge, sigma_m), stride, len(each)) for each in (few, back))
         off = float(_apart(there, _turned(again))[:, 1].max())
         way = max(float(np.linalg.norm(T[:, :3, 3], axis=1).max()) for T in (there, again))
-        stuck = changed > VISIBLE and way < SIGMAS * sigma_m
-        if best is None or (not stuck and off < best[0]):
-            best = (math.inf if stuck else off, stride, (there, again))
-        if not stuck and off <= max(AGREE * way, SIGMAS * sigma_m):
+        against = float(np.nan_to_num(agreement(fans, there).contradicted, nan=0.0))
+        lost = against > LOST
+        rank = (against if lost else 0.0, off)
+        if best is None or rank < best[0]:
+            best = (rank, stride, (there, again))
+        if not lost and off <= max(AGREE * way, SIGMAS * sigma_m):
             break
     if best is None:
         raise InternalError("a search of no strides")

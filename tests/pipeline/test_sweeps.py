@@ -1,0 +1,38 @@
+"""What is said of a motion that is not believed."""
+
+import math
+
+import numpy as np
+
+from scan2fea.pipeline.sweeps import _gap, _why_not
+from scan2fea.registration import Odometry
+from scan2fea.registration.agreement import Agreement
+from scan2fea.types import Rays
+
+FOUND = {
+    "T_world_knot": np.tile(np.eye(4), (3, 1, 1)), "std_m": np.full(3, 0.01), "std_rad": np.full(3, 0.01), "disagreement_m": 0.5, "changed": 0.0,
+    "slide_m": 0.01, "slide": np.array([1.0, 0, 0]), "open_m": 0.1, "stride": 1, "used": 1.0,
+}  # fmt: skip
+
+
+def test_sweeps_that_contradict_each_other_are_named_with_value_and_limit():
+    told = Odometry(**FOUND, agreement=Agreement(contradicted=0.46, limit=0.05, pair=(0, 99)))
+    assert not told.is_sure
+    said = "under the best motion the beams of sweep 100 contradict 46% of what sweep 1 saw (5% allowed)"
+    assert _why_not(told) == f"its motion could not be found: {said}"
+    none = Odometry(**FOUND, agreement=Agreement(contradicted=math.nan, limit=0.05, pair=(0, 0)))
+    assert "no two sweeps see the same part of the scene" in _why_not(none)
+    agreed = Odometry(**FOUND, agreement=Agreement(contradicted=0.01, limit=0.05, pair=(0, 1)))
+    assert _why_not(agreed) == "its motion could not be found: forwards and backwards in time differ by 0.5 m"
+
+
+def test_the_gap_between_beams_is_that_of_the_rings_or_along_them():
+    def fan(elevations_deg, step_deg):
+        e, a = (x.ravel() for x in np.meshgrid(np.radians(elevations_deg), np.radians(np.arange(0, 360, step_deg)), indexing="ij"))
+        direction = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=1)
+        ring = np.unique(e, return_inverse=True)[1]
+        return Rays(origin=np.zeros_like(direction), direction=direction, range_m=np.ones(len(e)), ring=ring)
+
+    assert abs(math.degrees(_gap(fan([-2, 0, 2, 4], 0.5))) - 2) < 1e-9
+    assert abs(math.degrees(_gap(fan([-0.5, 0, 0.5], 3.0))) - 3) < 0.01
+    assert _gap(fan([0.0], 1.0)) == 0.0

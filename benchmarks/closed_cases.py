@@ -1,4 +1,6 @@
-"""Seeded cases that must come out closed, manifold and free of crossings, whatever the gates say: python benchmarks/closed_cases.py [--quick].
+"""Seeded cases that must come out closed, manifold and free of crossings, whatever the gates say.
+
+    python benchmarks/closed_cases.py [--quick] [--jobs N]
 
 Parts with bores, walls and blobs in random poses and scales; spacing 0.35 to 0.8 of the wall, noise 0 to 0.3 of it, up to 20 % of the points taken
 away on one side of a wall, half of the cases without sensor positions. One row per case; the last line counts. Exit 1 where any surface is not
@@ -12,10 +14,13 @@ import sys
 import time
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from seeded import rows
 
 from predicates import moved, rotation
 from reconstruction import PARTS
@@ -60,27 +65,31 @@ def case(seed: int) -> tuple[str, TriangleMesh, Scan, dict[str, float]]:
     return name, truth, scan, {"h": spacing, "noise": noise, "hidden": share, "blind": blind}
 
 
-def row(seed: int, method: str) -> tuple[str, str]:
-    """The row of a case, and its end: "sound", "refused", "no surface", "UNSOUND" or "WRONG"."""
+def row(seed: int, method: str) -> dict[str, Any]:
+    """The row of a case; its `end` is "sound", "refused", "no surface", "UNSOUND" or "WRONG"."""
     name, truth, scan, facts = case(seed)
-    head = f"{seed:4d} {name:9s} {len(scan.cloud):6d} noise {facts['noise']:.1f} hidden {facts['hidden']:.1f}"
-    head += " blind" if facts["blind"] else " seen "
+    out: dict[str, Any] = {"part": name, "n": len(scan.cloud), **facts}
     begin = time.process_time()
     try:
         found = reconstruct(scan, ReconstructionOptions(method=method))
     except ReconstructionError as error:
-        return f"{head}  no surface: {error}", "no surface"
-    seconds = time.process_time() - begin
-    topology = surface_topology(found.mesh)
-    crossing = len(self_intersections(found.mesh))
-    refused = [check.name for check in found.checks if not check.passed]
-    ratio = volume(found.mesh) / volume(truth)
-    end = "refused" if refused else "sound"
-    if not topology.is_clean or crossing:
+        return {**out, "refused": str(error), "end": "no surface"}
+    out["seconds"] = time.process_time() - begin
+    out["crossings"], out["volume"] = len(self_intersections(found.mesh)), volume(found.mesh) / volume(truth)
+    out["refused"] = ", ".join(check.name for check in found.checks if not check.passed)
+    end = "refused" if out["refused"] else "sound"
+    if not surface_topology(found.mesh).is_clean or out["crossings"]:
         end = "UNSOUND"
-    elif not refused and abs(ratio - 1) > WRONG:
+    elif not out["refused"] and abs(out["volume"] - 1) > WRONG:
         end = "WRONG"
-    return f"{head}  volume {ratio:.3f}  crossings {crossing}  {seconds:5.1f} s  {end} {', '.join(refused)}", end
+    return {**out, "end": end}
+
+
+def told(r: dict[str, Any]) -> str:
+    head = f"{r['case'][0]:4d} {r['part']:9s} {r['n']:6d} noise {r['noise']:.1f} hidden {r['hidden']:.1f} {'blind' if r['blind'] else 'seen '}"
+    if "volume" not in r:
+        return f"{head}  no surface: {r['refused']}"
+    return f"{head}  volume {r['volume']:.3f}  crossings {r['crossings']}  {r['seconds']:5.1f} s  {r['end']} {r['refused']}"
 
 
 def main() -> int:
@@ -89,12 +98,14 @@ def main() -> int:
     parser.add_argument("--cases", type=int, help="so many cases")
     parser.add_argument("--first", type=int, default=0, help="seed of the first case")
     parser.add_argument("--method", default="visibility", choices=list(METHODS))
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--rows", type=Path, help="file of finished rows, read and continued")
     args = parser.parse_args()
     ends: Counter[str] = Counter()
-    for seed in range(args.first, args.first + (args.cases or (QUICK if args.quick else ALL))):
-        text, end = row(seed, args.method)
-        ends[end] += 1
-        print(text, flush=True)
+    cases = [(seed, args.method) for seed in range(args.first, args.first + (args.cases or (QUICK if args.quick else ALL)))]
+    for found in rows(row, cases, args.jobs, args.rows):
+        ends[found["end"]] += 1
+        print(told(found), flush=True)
     print(f"{args.method}: " + ", ".join(f"{count} {end}" for end, count in sorted(ends.items())))
     return 1 if ends["UNSOUND"] + ends["WRONG"] else 0
 

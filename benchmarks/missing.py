@@ -1,4 +1,6 @@
-"""Hunt for solids that are passed though part of the scan is missing: python benchmarks/missing.py [--cases N] [--first SEED] [--rows FILE].
+"""Hunt for solids that are passed though part of the scan is missing.
+
+    python benchmarks/missing.py [--cases N] [--first SEED] [--jobs N] [--rows FILE]
 
 Parts with walls in random poses and units; points taken away on BOTH sides of what they lie on: balls, half-spaces, slabs, bores, whole faces, or
 what one look does not see. Judged by the exact truth: what passes every gate must be within 3 % of its volume (5 % with noise). A surface cannot know
@@ -8,7 +10,6 @@ what nobody saw, so refusals are right here; rows say how far off the refused on
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from collections import Counter
@@ -17,6 +18,8 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from seeded import rows
 
 from predicates import moved, rotation
 from reconstruction import PARTS
@@ -116,16 +119,11 @@ def main() -> int:
     parser.add_argument("--only", type=int, nargs="*", help="these seeds")
     parser.add_argument("--rows", type=Path, help="file of finished cases, read and continued")
     parser.add_argument("--method", default="visibility", choices=list(METHODS))
+    parser.add_argument("--jobs", type=int, default=1)
     args = parser.parse_args()
-    done = {}
-    if args.rows and args.rows.exists():
-        done = {r["seed"]: r for r in map(json.loads, args.rows.read_text().splitlines())}
     ends: Counter[str] = Counter()
-    for seed in args.only or range(args.first, args.first + args.cases):
-        found = done.get(seed) or row(seed, args.method)
-        if args.rows and seed not in done:
-            with args.rows.open("a") as file:
-                file.write(json.dumps(found) + "\n")
+    cases = [(seed, args.method) for seed in args.only or range(args.first, args.first + args.cases)]
+    for found in rows(row, cases, args.jobs, args.rows):
         ends[str(found["end"])] += 1
         print(told(found), flush=True)
     print(f"{args.method}: " + ", ".join(f"{count} {end}" for end, count in sorted(ends.items())))

@@ -1,4 +1,8 @@
-"""Time and quality of the reconstruction on simulated scans: python benchmarks/reconstruct.py [part ...]. Lengths in mm, CPU seconds of one thread.
+"""Time and quality of the reconstruction on simulated scans.
+
+    python benchmarks/reconstruct.py [part ...] [--jobs N]
+
+Lengths in mm, CPU seconds of one thread.
 
 One row per part, noise (share of the wall) and source: closed and free of crossings, volume ratio, median wall, distance to the truth both ways.
 """
@@ -13,6 +17,8 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from seeded import rows
 
 from predicates import extruded, l_beam, sphere, two_sided
 from scan2fea.kernel.measures import volume
@@ -32,15 +38,16 @@ PARTS = {  # mesh, spacing, wall
     "tee": (tee(), 0.0025, 0.006),
     "ball": (sphere(0.1, rounds=6), 0.003, 0.03),
     "seed": (l_beam(length=3.048), 0.006, 0.00635),  # the seed's own beam
+    "finer": (l_beam(length=3.048), 0.0025, 0.00635),
     "large": (l_beam(length=3.048), 0.0035, 0.00635),
 }
 
 
-def row(name: str, noise: float, use_sensors: bool, method: str) -> str:
+def row(name: str, noise: float, source: str, method: str) -> dict[str, str]:
     mesh, spacing, wall = PARTS[name]
     scan, _, _ = scanned(mesh, spacing, noise * wall, seed=1)
     begin = time.process_time()
-    found = METHODS[method](scan, ReconstructionOptions(use_sensors=use_sensors))
+    found = METHODS[method](scan, ReconstructionOptions(use_sensors=source == "sensors"))
     seconds = time.process_time() - begin
     topology = surface_topology(found.mesh)
     there, back = two_sided(found.mesh, mesh)
@@ -56,7 +63,7 @@ def row(name: str, noise: float, use_sensors: bool, method: str) -> str:
         how = found.how
         figures += f"  before: {how['n_pieces']} pieces, {how['n_open_edges_before']} open edges; "
         figures += f"{how['share_kept']:.3f} kept, {how['n_faces_added']} added"
-    return figures + (f"  refused: {', '.join(refused)}" if refused else "")
+    return {"text": figures + (f"  refused: {', '.join(refused)}" if refused else "")}
 
 
 def main() -> None:
@@ -65,12 +72,11 @@ def main() -> None:
     parser.add_argument("--noise", type=float, nargs="*", default=[0.0, 0.1, 0.3], help="share of the wall")
     parser.add_argument("--method", nargs="*", default=["visibility"], choices=list(METHODS))
     parser.add_argument("--source", nargs="*", default=["sensors", "flood"])
+    parser.add_argument("--jobs", type=int, default=1)
     chosen = parser.parse_args()
-    for name in chosen.parts:
-        for noise in chosen.noise:
-            for source in chosen.source:
-                for method in chosen.method:
-                    print(row(name, noise, source == "sensors", method), flush=True)
+    cases = [(p, n, s, m) for p in chosen.parts for n in chosen.noise for s in chosen.source for m in chosen.method]
+    for found in rows(row, cases, chosen.jobs):
+        print(found["text"], flush=True)
 
 
 if __name__ == "__main__":

@@ -134,9 +134,10 @@ def test_fault_of_a_worker_is_told_with_its_last_line(tmp_path):
     (tmp_path / "01").mkdir()
     (tmp_path / "01" / "task.json").write_text("{}")
     told = []
-    children.run_children(
-        [tmp_path / "01"], 1, children.Limits(seconds=60, gib=4), lambda _: None, lambda folder, why: told.append((folder.name, why))
-    )
+    with children.Workers(1) as workers:
+        workers.begin()
+        limits = children.Limits(seconds=60, gib=4)
+        children.run_children([tmp_path / "01"], workers, limits, lambda _: None, lambda folder, why: told.append((folder.name, why)))
     ((name, why),) = told
     assert name == "01"
     assert why.startswith("its process died before its first stage (code 1: KeyError")

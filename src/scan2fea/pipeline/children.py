@@ -30,6 +30,7 @@ from scan2fea.pipeline.record import ENDED, FORKS, LEFT, RESULT, Ended, Say
 from scan2fea.units import BYTES_PER_GIB
 
 PERIOD_S = 0.2
+AHEAD = 2  # workers started before there are objects: each takes memory while it waits
 AFTER_SECONDS, AFTER_GIB = 120.0, 1.0  # for writing down what a stopped process had made: read back, measured, written
 KILLED = 9  # SIGKILL
 ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")}
@@ -43,8 +44,40 @@ class Limits:
     gib: float
 
 
-def run_children(folders: Sequence[Path], jobs: int, limits: Limits, say: Say, done: Callable[[Path, str], None]) -> None:
-    """One worker per folder, at most `jobs` at once. `done(folder, why)` is called as each ends, under a lock.
+class Workers:
+    """The workers of a run, at most `jobs` (0: as many as there are cores) at once; leaving ends them."""
+
+    def __init__(self, jobs: int) -> None:
+        self.jobs = max(1, jobs or os.cpu_count() or 1)
+        self._idle: deque[_Worker] = deque()
+        self._context = contextlib.ExitStack()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._context.close()
+
+    def begin(self) -> None:
+        """Start the first ones: they import while the scene is made ready."""
+        for _ in range(min(self.jobs, AHEAD)):
+            worker = self._new()
+            worker.begin()
+            self._idle.append(worker)
+
+    def take(self) -> _Worker:
+        """One for the caller's thread alone."""
+        try:
+            return self._idle.popleft()
+        except IndexError:
+            return self._new()
+
+    def _new(self) -> _Worker:
+        return self._context.enter_context(_Worker(self._context.enter_context(tempfile.TemporaryFile())))
+
+
+def run_children(folders: Sequence[Path], workers: Workers, limits: Limits, say: Say, done: Callable[[Path, str], None]) -> None:
+    """One worker per folder, as many at once as there may be. `done(folder, why)` is called as each ends, under a lock.
 
     A worker that is stopped or dies has a second one after it, which writes down what the first had made; `why` is "" where either of them
     left a result behind, else the reason why there is none.
@@ -64,18 +97,17 @@ def run_children(folders: Sequence[Path], jobs: int, limits: Limits, say: Say, d
         with lock:
             done(folder, "" if ended is None or (folder / RESULT).exists() else ended.why)
 
-    def work() -> None:
-        with tempfile.TemporaryFile() as errors, _Worker(errors) as worker:
-            while not closing.is_set():
-                try:
-                    folder = waiting.popleft()
-                except IndexError:
-                    return
-                one(worker, folder)
+    def work(worker: _Worker) -> None:
+        while not closing.is_set():
+            try:
+                folder = waiting.popleft()
+            except IndexError:
+                return
+            one(worker, folder)
 
-    n = min(max(1, jobs), len(folders))
+    n = min(workers.jobs, len(folders))
     with ThreadPoolExecutor(max(1, n)) as pool:
-        futures = [pool.submit(work) for _ in range(n)]
+        futures = [pool.submit(work, workers.take()) for _ in range(n)]
         try:
             for future in as_completed(futures):
                 future.result()
@@ -118,7 +150,7 @@ class _Heard:
 
 
 class _Worker:
-    """A process that waits for objects. It is started for the first, and anew after it was killed; leaving ends it."""
+    """A process that waits for objects. It is started for the first or before, and anew after it was killed; leaving ends it."""
 
     def __init__(self, errors: IO[bytes]) -> None:
         self._process: subprocess.Popen[str] | None = None
@@ -129,6 +161,10 @@ class _Worker:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._end()
+
+    def begin(self) -> None:
+        """Start the process, which imports what it needs."""
+        self._started()
 
     def __call__(self, arguments: Sequence[str], limits: Limits, say: Say, closing: threading.Event) -> Ended | None:
         """Do one object; None where it ended well. Nothing that it started outlives it. `closing` stops it."""

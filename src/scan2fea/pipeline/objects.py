@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,7 +14,7 @@ import numpy as np
 from scan2fea.io.artifacts import fingerprint, save
 from scan2fea.io.files import write_bytes
 from scan2fea.kernel.threads import in_threads
-from scan2fea.pipeline.children import Limits, run_children
+from scan2fea.pipeline.children import Limits, Workers, run_children
 from scan2fea.pipeline.config import Config, as_tree
 from scan2fea.pipeline.outputs import write_object
 from scan2fea.pipeline.part import Made, Part
@@ -53,7 +52,9 @@ def with_faces(scene: Scene, segments: Segments) -> frozenset[int]:
     return frozenset(np.unique(labels[labels >= 0]).tolist())
 
 
-def convert_all(parts: Sequence[Part], out: Path, config: Config, resume: bool, say: Say) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+def convert_all(
+    parts: Sequence[Part], out: Path, config: Config, resume: bool, say: Say, workers: Workers
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Rows of objects[] and of stages[], in the order of the parts."""
     keep = out / KEEP / "objects"
     todo = []
@@ -83,8 +84,7 @@ def convert_all(parts: Sequence[Part], out: Path, config: Config, resume: bool, 
         row = json.loads((folder / RESULT).read_text(encoding="utf-8"))["object"]
         say({"event": "verdict", "object": str(row["id"]), "verdict": row["verdict"], "reason": row["reason"]})
 
-    jobs = config.run.jobs or os.cpu_count() or 1
-    run_children(todo, jobs, Limits(seconds=config.run.object_seconds, gib=config.run.object_gib), say, done)
+    run_children(todo, workers, Limits(seconds=config.run.object_seconds, gib=config.run.object_gib), say, done)
     results = [json.loads((folder / RESULT).read_text(encoding="utf-8")) for folder in by_folder]
     return [r["object"] for r in results], [stage for r in results for stage in r["stages"]]
 

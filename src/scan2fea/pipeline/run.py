@@ -22,6 +22,7 @@ from scan2fea.io.artifacts import fingerprint
 from scan2fea.io.files import existing_file, sha256_of, write_bytes
 from scan2fea.pipeline.acquire import NO_SCALE, WITHOUT_SCALE, Group, acquire, acquired_rows, grouped, raw_of, without_scale
 from scan2fea.pipeline.assigned import assigned, resolved
+from scan2fea.pipeline.children import Workers
 from scan2fea.pipeline.chosen import chosen_of
 from scan2fea.pipeline.config import Config, to_toml
 from scan2fea.pipeline.frames import trajectory_of_all
@@ -53,9 +54,11 @@ def run(
     check_options(config.fea)
     _prepare(out, resume)
     _write_text(out / "config.toml", to_toml(config))
-    with _Log(out / "log.jsonl", say) as log:
+    with _Log(out / "log.jsonl", say) as log, Workers(config.run.jobs) as workers:
         record = Record(out / KEEP, resume=resume, say=log)
         raws, rows = read_all(inputs, config.input, record, config.acquisition)
+        if not resume:  # else there may be nothing to do for them
+            workers.begin()
         names = [Path(raw.value.path).name for raw in raws]
         motion = record_motion(config.fusion, record, raws)
         scene = record("place", _placing(names, len(motion)), *raws, *motion, options=config.registration, n_in=len(raws), count=_n_points)
@@ -74,7 +77,7 @@ def run(
             made = refuse_all(parts, out, WITHOUT_SCALE, log)
             stages: list[dict[str, Any]] = []
         else:
-            made, stages = convert_all(parts, out, replace(config, object=named), resume, log)
+            made, stages = convert_all(parts, out, replace(config, object=named), resume, log, workers)
         objects = with_kinds(made, chosen, kinds)
         write_assembly(out, out / KEEP / "objects", objects)
         frame = write_members(out, out / KEEP / "objects", objects, config)

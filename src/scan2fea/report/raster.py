@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from scan2fea.kernel.jit import jit
-from scan2fea.types import FloatArray, IntArray
+from scan2fea.types import ByteArray, FloatArray, IntArray
 
 
 @jit
@@ -106,6 +106,29 @@ def shade_depth(image: FloatArray, depth: FloatArray, unit: float, start: float,
                     image[i, j, k] *= dark
 
 
+@jit
 def blank(height: int, width: int, background: FloatArray) -> tuple[FloatArray, FloatArray]:
     """An empty picture (h, w, 3) and its depth (h, w), nothing anywhere near."""
-    return np.broadcast_to(background, (height, width, 3)).copy(), np.full((height, width), -np.inf)
+    image, depth = np.empty((height, width, 3)), np.empty((height, width))
+    for i in range(height):
+        for j in range(width):
+            depth[i, j] = -math.inf
+            for k in range(3):
+                image[i, j, k] = background[k]
+    return image, depth
+
+
+@jit
+def averaged(image: FloatArray, s: int) -> ByteArray:
+    """(h / s, w / s, 3) bytes: the mean of each s x s pixels."""
+    height, width = image.shape[0] // s, image.shape[1] // s
+    out = np.empty((height, width, 3), np.uint8)
+    for i in range(height):
+        for j in range(width):
+            for k in range(3):
+                total = 0.0
+                for di in range(s):
+                    for dj in range(s):
+                        total += image[s * i + di, s * j + dj, k]
+                out[i, j, k] = np.uint8(np.rint(min(max(total / s**2, 0.0), 255.0)))
+    return out

@@ -10,7 +10,7 @@ import numpy as np
 from scan2fea.kernel.measures import face_vectors
 from scan2fea.report.camera import Camera
 from scan2fea.report.colours import PLAIN
-from scan2fea.report.raster import blank, draw_discs, draw_lines, draw_triangles, shade_depth
+from scan2fea.report.raster import averaged, blank, draw_discs, draw_lines, draw_triangles, shade_depth
 from scan2fea.types import BoolArray, ByteArray, FloatArray, IntArray, Value
 
 SUPERSAMPLING = 2
@@ -60,8 +60,7 @@ def render(camera: Camera, things: tuple[Shape | Dots, ...]) -> ByteArray:
             _dots(thing, camera, image, depth)
     has_dots = any(isinstance(thing, Dots) for thing in things)
     _shade(image, depth, soft=has_dots)
-    small = sum((image[i::s, j::s] for i in range(s) for j in range(s)), np.zeros((camera.height_px, camera.width_px, 3))) / s**2
-    return np.asarray(np.rint(np.clip(small, 0, 255)), np.uint8)
+    return averaged(image, s)
 
 
 def png(picture: ByteArray, n_colours: int = 160) -> bytes:

@@ -45,9 +45,9 @@ class Limits:
 
 
 class Workers:
-    """The workers of a run, at most `jobs` (0: as many as there are cores) at once; leaving ends them."""
+    """The workers of a run, at most `jobs` (None: as many as there are cores) at once; leaving ends them."""
 
-    def __init__(self, jobs: int) -> None:
+    def __init__(self, jobs: int | None) -> None:
         self.jobs = max(1, jobs or os.cpu_count() or 1)
         self._idle: deque[_Worker] = deque()
         self._context = contextlib.ExitStack()

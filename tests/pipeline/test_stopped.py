@@ -1,6 +1,9 @@
 """An object that is stopped by a limit, or whose process dies, keeps what was made of it and says why; the same run can go on from there."""
 
 import json
+import os
+import subprocess
+import sys
 import threading
 import time
 
@@ -165,3 +168,17 @@ def test_interrupt_stops_what_runs_and_begins_nothing(scan, tmp_path):
         run([scan], tmp_path / "OUT", load_config(None, SETTINGS), say=say)
     assert [child for child in psutil.Process().children(recursive=True) if "scan2fea.pipeline.worker" in child.cmdline()] == []
     assert "verdict" not in [event["event"] for event in begun]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGTERM that a program could catch")
+def test_a_run_that_is_asked_to_end_leaves_no_worker_behind(scan, tmp_path):
+    command = [sys.executable, "-m", "scan2fea", "run", str(scan), "--unit", "m", "-o", str(tmp_path / "OUT")]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as program:
+        until, log = time.monotonic() + 120, tmp_path / "OUT" / "log.jsonl"
+        while time.monotonic() < until and not (log.exists() and '"estimate"' in log.read_text()):
+            time.sleep(0.05)
+        family = psutil.Process(program.pid).children(recursive=True)
+        program.terminate()
+        assert program.wait(30) == 130
+        assert "--resume" in program.stderr.read()
+    assert family and not [child for child in family if child.is_running() and child.status() != psutil.STATUS_ZOMBIE]

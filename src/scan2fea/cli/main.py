@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -57,5 +58,6 @@ def _say(text: str) -> None:
 
 
 def entry() -> None:
-    """Console script."""
+    """Console script. Asked to end (SIGTERM) it ends as at Ctrl-C, with its workers."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     sys.exit(main())

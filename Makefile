@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3 python3.12 python3.11 python3.13; do $$p -c '
 VENV := .venv
 RUN := $(VENV)/bin/python
 
-.PHONY: demo test check setup setup-dev system system-dev clean bench
+.PHONY: demo test check docs gallery setup setup-dev system system-dev clean bench
 
 demo: $(VENV)/.installed
 	$(VENV)/bin/scan2fea demo -o out-demo
@@ -20,6 +20,14 @@ check: $(VENV)/.installed-dev
 
 bench: $(VENV)/.installed-dev
 	for file in benchmarks/*.py; do echo "== $$file"; OMP_NUM_THREADS=1 $(RUN) $$file || exit 1; done
+
+# the site, in site/; an error where a link or a picture leads nowhere
+docs: $(VENV)/.installed-dev
+	$(RUN) docs/make_site.py site
+
+# the examples, and the page and pictures that they make (some minutes)
+gallery: $(VENV)/.installed-dev
+	OMP_NUM_THREADS=1 $(RUN) examples/make_gallery.py
 
 setup: $(VENV)/.installed
 setup-dev: $(VENV)/.installed-dev
@@ -40,4 +48,4 @@ $(VENV)/.installed-dev: $(VENV)/.installed requirements-dev.lock
 	touch $@
 
 clean:
-	rm -rf $(VENV) out-demo build dist
+	rm -rf $(VENV) out-demo build dist site

@@ -1,6 +1,6 @@
 """How well rays tell a thin angle that the points cannot: 127 x 127 x 6.35 mm, 3.048 m, noise of 20 mm along the ray.
 
-    python benchmarks/estimation_rays.py [--seeds 20] [--cells all,inner,...] [--speed]
+    python benchmarks/estimation_rays.py [--seeds 20] [--cells all,inner,...] [--jobs N] [--seconds S] [--state FILE] [--speed]
 
 Every cell prints, over its seeds: the share of fits within the target, RMSE, the mean reported standard deviation and the cover of 95 % intervals,
 for dimensions that the fit says it can tell, and how often it does.
@@ -16,7 +16,9 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "estimation"))
 import scans
+from in_parallel import ordered, read_state, run_all
 
+from scan2fea.errors import Scan2FeaError
 from scan2fea.estimation.ray_likelihood import RayOptions, fit_rays
 from scan2fea.kernel.transforms import compose, rigid, rotation_about
 from scan2fea.types import Scan
@@ -61,26 +63,33 @@ def scan_of(kind, share, sensor, seed, n_hits=20_000):
     return solid, scan.compact() if kind == "hits" else scan
 
 
-def run(name, seeds):
+def run(what):
+    """One line of the state file: errors and reported standard deviations (None: not observable), metres."""
+    name, seed = what
     kind, share, sensor, stated = CELLS[name]
-    rows = {d: [] for d in ("a", "b", "t", "length")}
-    seconds = []
-    for seed in range(seeds):
-        solid, scan = scan_of(kind, share, scans.Sensor(**sensor), seed)
-        if not stated:
-            scan = Scan(cloud=scan.cloud, rays=dataclasses.replace(scan.rays, footprint_rad=None))
-        options = RayOptions(footprint_rad=0.5 * BEAM) if name.endswith("stated half") else RayOptions()
-        begin = time.process_time()
+    solid, scan = scan_of(kind, share, scans.Sensor(**sensor), seed)
+    if not stated:
+        scan = Scan(cloud=scan.cloud, rays=dataclasses.replace(scan.rays, footprint_rad=None))
+    options = RayOptions(footprint_rad=0.5 * BEAM) if name.endswith("stated half") else RayOptions()
+    begin = time.process_time()
+    try:
         fit = fit_rays(scan, start_of(solid, seed), options)
-        seconds.append(time.process_time() - begin)
-        for one in fit.member.parameters:
-            rows[one.name].append((one.value_m - solid.values()[one.name], one.std_m if one.observable else np.nan))
-    print(f"{name}: {np.median(seconds):.2f} s of CPU, {fit.n_hits} hits and {fit.n_misses} misses near the member (last seed)")
-    legs = np.array(rows["a"] + rows["b"])
-    limit = 3.0 if kind in ("inner", "outer") else 1.5
-    report("legs", legs * 1e3, limit)
-    report("t", np.array(rows["t"]) * 1e3, 2.0)
-    report("length", np.array(rows["length"]) * 1e3, 5.0)
+    except Scan2FeaError as error:
+        return {"cell": name, "seed": seed, "error": str(error), "seconds": time.process_time() - begin}
+    row = {"cell": name, "seed": seed, "seconds": time.process_time() - begin, "hits": fit.n_hits, "misses": fit.n_misses}
+    told = {one.name: (one.value_m - solid.values()[one.name], one.std_m if one.observable else None) for one in fit.member.parameters}
+    return {**row, **told}
+
+
+def table(name, rows):
+    good = [row for row in rows if "error" not in row]
+    print(f"{name}: {len(rows)} seeds, {len(rows) - len(good)} failed, {np.median([r['seconds'] for r in rows]):.2f} s of CPU", flush=True)
+    if not good:
+        return
+    of = {d: np.array([row[d] for row in good], float) * 1e3 for d in ("a", "b", "t", "length")}
+    report("legs", np.concatenate([of["a"], of["b"]]), 3.0 if CELLS[name][0] in ("inner", "outer") else 1.5)
+    report("t", of["t"], 2.0)
+    report("length", of["length"], 5.0)
 
 
 def report(name, rows, limit):
@@ -107,13 +116,20 @@ def speed():
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--seeds", type=int, default=20, help="of each cell; 0: only the table of what is there")
     parser.add_argument("--cells", default="", help="parts of the names of the cells, with commas between")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="wall time after which no further run begins")
+    parser.add_argument("--state", type=Path, default=Path("estimation_rays.jsonl"))
     parser.add_argument("--speed", action="store_true")
     chosen = parser.parse_args()
     if chosen.speed:
         speed()
     else:
-        for cell in CELLS:
-            if not chosen.cells or any(part in cell for part in chosen.cells.split(",")):
-                run(cell, chosen.seeds)
+        names = [name for name in CELLS if any(part in name for part in chosen.cells.split(","))]
+        todo = ordered(dict.fromkeys(names, chosen.seeds), lambda name: CELLS[name][0] not in ("inner", "outer"), read_state(chosen.state))
+        run_all(todo, run, chosen.state, jobs=chosen.jobs, seconds=chosen.seconds)
+        found = read_state(chosen.state)
+        for name in names:
+            if found[name]:
+                table(name, found[name])

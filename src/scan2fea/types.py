@@ -314,7 +314,9 @@ class Section(Value):
 class Parameter(Value):
     """One dimension of a member. std_m is None where nothing was estimated (fixed, or taken from the prior).
 
-    source : "fitted", "fixed" (the user gave it), "catalogue" (the data do not tell it: the prior that was used).
+    source : "fitted", "fixed" (the user gave it); where the data do not tell it "catalogue" (a size of the table stands in) or "estimate" (the
+    points' own estimate does, which they cannot vouch for).
+    spread_m : of a dimension that is not observable, how far it may be from `value_m` (one standard deviation); None where nothing is known of it.
     """
 
     name: str
@@ -322,6 +324,7 @@ class Parameter(Value):
     std_m: float | None
     observable: bool
     source: str
+    spread_m: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ import pytest
 
 from estimation.made import made
 from scan2fea.errors import EstimationError, InputError, UsageError
-from scan2fea.estimation.catalogue import OTHER, posterior, prior_thickness, standard_odds
+from scan2fea.estimation.catalogue import ESTIMATE, OTHER, posterior, prior_thickness, standard_odds
 from scan2fea.estimation.catalogued import catalogued
 from scan2fea.estimation.table import Table, parse_table, read_table, shipped_table, shipped_text
 from scan2fea.kernel.outline import outline, outline_area
@@ -74,14 +74,46 @@ def test_hidden_thickness_leaves_all_siblings_alike():
 
 def test_prior_is_the_middle_sibling_and_moves_the_legs():
     values, hidden = {"a": 0.127, "b": 0.127, "t": 0.02}, {"a": True, "b": True, "t": False}
-    still = prior_thickness("L", values, np.diag([1e-6, 1e-6, 0.0]), hidden, TABLE)
+    still = prior_thickness("L", values, np.diag([1e-6, 1e-6, 0.0]), hidden, TABLE)  # nothing is known of t
     assert still.name == "L5X5X1/2" and still.values["t"] == pytest.approx(0.0127)
     assert still.values["a"] == values["a"] and still.std_m["a"] == pytest.approx(1e-3)
     covariance = np.array([[1e-6, 0, 8e-7], [0, 1e-6, 0], [8e-7, 0, 1e-6]])
     moved = prior_thickness("L", values, covariance, hidden, TABLE)
-    assert moved.values["a"] == pytest.approx(0.127 + 0.8 * (0.0127 - 0.02))  # conditional Gaussian
+    assert moved.values["t"] == pytest.approx(0.0191)
+    assert moved.values["a"] == pytest.approx(0.127 + 0.8 * (0.0191 - 0.02))  # conditional Gaussian
     assert moved.std_m["a"] == pytest.approx(1e-3 * np.sqrt(1 - 0.64))
     assert moved.values["b"] == values["b"]
+
+
+@pytest.mark.parametrize(
+    ("t", "std", "built", "name"),
+    [
+        (0.0081, 0.0009, 0.00794, "L5X5X5/16"),  # a size is near
+        (0.0100, 0.0009, 0.00953, "L5X5X3/8"),
+        (0.0056, 0.0006, 0.0056, ESTIMATE),  # below the thinnest: the thesis's 6.35 mm must not become 7.94 or 12.7
+        (0.0350, 0.0020, 0.0350, ESTIMATE),  # beyond the thickest
+    ],
+)
+def test_a_wall_that_is_not_told_is_built_from_the_size_nearest_to_its_estimate_or_from_that(t, std, built, name):
+    values, hidden = {"a": 0.127, "b": 0.127, "t": t}, {"a": True, "b": True, "t": False}
+    prior = prior_thickness("L", values, np.diag([1e-7, 1e-7, std**2]), hidden, TABLE)
+    assert prior.name == name and prior.values["t"] == pytest.approx(built, rel=0.03)
+    assert prior.estimated == (frozenset({"t"}) if name == ESTIMATE else frozenset())
+    assert prior.std_m["t"] > 0.7 * std
+
+
+def test_an_estimate_without_worth_leaves_the_middle_of_the_sizes_possible():
+    values, hidden = {"a": 0.127, "b": 0.127, "t": 2e-5}, {"a": True, "b": True, "t": False}
+    blind = prior_thickness("L", values, np.diag([1e-7, 1e-7, 1.0]), hidden, TABLE)
+    assert blind.name.startswith("L5X5X") and not blind.estimated
+    assert blind.std_m["t"] > 0.004
+
+
+def test_only_the_wall_with_an_estimate_is_taken_from_it():
+    values, hidden = {"h": 0.2, "b": 0.1, "tw": 0.0030, "tf": 0.01}, {"h": True, "b": True, "tw": False, "tf": False}
+    prior = prior_thickness("I", values, np.diag([1e-7, 1e-7, 9e-8, 0.0]), hidden, TABLE)
+    assert prior.estimated == frozenset({"tw"}) and prior.values["tw"] == pytest.approx(0.0030, rel=0.05)
+    assert prior.name.endswith(ESTIMATE) and 0.004 < prior.values["tf"] < 0.02
 
 
 def test_prior_of_an_odd_size_is_scaled_and_says_so():

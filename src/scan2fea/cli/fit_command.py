@@ -54,7 +54,8 @@ def _given(g: Given) -> str:
 def _line(p: Parameter) -> str:
     std = "-" if p.std_m is None else f"{p.std_m * MILLIMETRES_PER_METRE:.3g}"
     digits = 3 if p.std_m is None else max(0, min(6, 2 - int(f"{max(p.std_m * MILLIMETRES_PER_METRE, 1e-9):e}".split("e")[1])))
-    source = {"fitted": "the points", "fixed": "given", "catalogue": "the catalogue (assumed)"}.get(p.source, p.source)
+    sources = {"fitted": "the points", "fixed": "given", "catalogue": "the catalogue (assumed)", "estimate": "an estimate (assumed)"}
+    source = sources.get(p.source, p.source)
     return f"  {p.name:<12}{p.value_m * MILLIMETRES_PER_METRE:>12.{digits}f}{std:>10}  {'yes' if p.observable else 'NO':<10}  {source}"
 
 

@@ -24,6 +24,8 @@ MAX_ENTRIES, SMALLEST = 12, 1e-3  # sizes listed, and the least probability that
 OUTER_SHARE, OUTER_LEAST_M = 0.004, 0.0003
 WALL_SHARE, WALL_LEAST_M = 0.035, 0.0002
 BEYOND = 1.5  # sizes outside the table by that factor are as likely as those inside
+ESTIMATE = "the estimate of the points"  # what stands in for a wall where no size of the table is near it
+N_WALLS = 400  # steps of the log-uniform prior of a wall
 PAIRS: Mapping[str, tuple[str, str]] = {"L": ("a", "b"), "RHS": ("h", "b"), "rect": ("b", "t")}  # dimensions that carry no order
 
 
@@ -32,12 +34,14 @@ class PriorThickness(Value):
     """What stands in for dimensions that the data do not tell.
 
     name : the size or the rule it comes from.   values : all dimensions of the section, metres; the observed ones as they are estimated when the
-    others are as assumed.   std_m : of the observed ones then; of the assumed ones the spread of the prior.
+    others are as assumed.   std_m : of the observed ones then; of the assumed ones how far from `values` they may be.
+    estimated : assumed dimensions that are the points' own estimate, since no size of the table is near it.
     """
 
     name: str
     values: Mapping[str, float]
     std_m: Mapping[str, float]
+    estimated: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -87,9 +91,12 @@ def posterior(
 def prior_thickness(
     family: str, values: Mapping[str, float], covariance: FloatArray, observable: Mapping[str, bool], table: Table | None = None
 ) -> PriorThickness:
-    """What to build with where dimensions are not observable: the middle one of the sizes that fit the observed dimensions.
+    """What to build with where dimensions are not observable.
 
-    Where no size fits, the nearest one is scaled. Observed dimensions move with the assumed ones as their covariance says.
+    A wall whose covariance is not zero has an estimate that the points cannot vouch for: of the sizes that go with the observed dimensions the one
+    nearest to it in its standard deviations, or the estimate itself where "no size" is likelier than all of them. Where nothing is known of a
+    dimension, the middle one of the sizes that fit the observed dimensions; where no size fits, the nearest one is scaled. Observed dimensions move
+    with the assumed ones as their covariance says.
     Raises UsageError where nothing is observable and where the table has no size of the family.
     """
     asked = _question(family, values, covariance, observable, table)
@@ -97,22 +104,78 @@ def prior_thickness(
     require(asked.known, UsageError, f"no dimension of the {family} was observed: give the section (--member)")
     hidden = [k for k in range(len(asked.names)) if k not in asked.known]
     by_order = _log_sizes(asked)
-    weight = np.exp(by_order - by_order.max()).ravel()
-    flat = asked.sizes.reshape(-1, len(asked.names))
-    fits = math.log(PRIOR_SIZE / len(asked.shapes)) + by_order.max() > math.log(PRIOR_OTHER) + _log_free(asked, asked.known)
-    if fits:
+    if math.log(PRIOR_SIZE / len(asked.shapes)) + by_order.max() > math.log(PRIOR_OTHER) + _log_free(asked, asked.known):
+        weight = np.exp(by_order - by_order.max()).ravel()
+        flat = asked.sizes.reshape(-1, len(asked.names))
         chosen = _middle(np.log(flat[:, hidden]), weight)
-        name, scale = asked.shapes[chosen // by_order.shape[1]].name, 1.0
+        name, assumed = asked.shapes[chosen // by_order.shape[1]].name, flat[chosen, hidden]
+        middle = np.average(flat[:, hidden], axis=0, weights=weight)
+        width = np.sqrt(np.average((flat[:, hidden] - middle) ** 2, axis=0, weights=weight))
     else:
-        gap = (np.log(flat[:, asked.known]) - np.log(asked.value[list(asked.known)])) @ np.ones(len(asked.known))
-        spread = np.abs(np.log(flat[:, asked.known]) - np.log(asked.value[list(asked.known)])).max(axis=1)
-        chosen = int(np.argmin(spread))
-        scale = math.exp(-gap[chosen] / len(asked.known))
-        name = f"{asked.shapes[chosen // by_order.shape[1]].name} times {scale:.3g}"
-    assumed = scale * flat[chosen, hidden]
-    middle = np.average(flat[:, hidden], axis=0, weights=weight) if fits else assumed
-    width = np.sqrt(np.average((flat[:, hidden] - middle) ** 2, axis=0, weights=weight)) if fits else 0.5 * assumed
-    return _conditioned(asked, hidden, assumed, np.maximum(width, WALL_SHARE * assumed), name)
+        name, assumed = _scaled(asked, hidden)
+        width = 0.5 * assumed
+    guessed = [k for k in hidden if asked.covariance[k, k] > 0 and asked.names[k] in WALLS and family != "rect"]
+    estimated: frozenset[str] = frozenset()
+    if guessed:
+        name, assumed, width, estimated = _nearest(asked, hidden, guessed, name, assumed, width)
+    return _conditioned(asked, hidden, assumed, np.maximum(width, WALL_SHARE * assumed), name, estimated)
+
+
+def _scaled(asked: _Question, hidden: list[int]) -> tuple[str, FloatArray]:
+    """The size whose observed dimensions are in the likeliest proportion, scaled to those."""
+    flat = asked.sizes.reshape(-1, len(asked.names))
+    away = np.log(flat[:, asked.known]) - np.log(asked.value[list(asked.known)])
+    chosen = int(np.argmin(np.abs(away).max(axis=1)))
+    scale = math.exp(-float(away[chosen].mean()))
+    return f"{asked.shapes[chosen // asked.sizes.shape[1]].name} times {scale:.3g}", scale * flat[chosen, hidden]
+
+
+def _nearest(
+    asked: _Question, hidden: list[int], guessed: list[int], name: str, assumed: FloatArray, width: FloatArray
+) -> tuple[str, FloatArray, FloatArray, frozenset[str]]:
+    """Name, values and spread of the hidden dimensions, with estimates for those in `guessed`; names of those that are estimates.
+
+    The spread is the root mean square distance of what is built to everything that the points and the table leave possible, and not below what the
+    points alone leave.
+    """
+    log = _log_match(asked, asked.sizes, (*asked.known, *guessed)).ravel()
+    flat = asked.sizes.reshape(-1, len(asked.names))
+    walls = [_any_wall(asked, k) for k in guessed]
+    sizes = float(np.logaddexp.reduce(log)) + math.log(PRIOR_SIZE / len(log))
+    outer = [k for k in asked.known if asked.names[k] not in WALLS]
+    free_known = _log_free(asked, asked.known)
+    standard = _log_other_wall(asked)[0] if outer else -math.inf
+    other = float(np.logaddexp(math.log(PRIOR_OTHER) + free_known, standard)) + sum(wall[0] for wall in walls)
+    share = np.exp(log - np.logaddexp.reduce(log))
+    by_size = 1 / (1 + math.exp(min(other - sizes, 700.0)))
+    value, spread = np.array(assumed), np.array(width)
+    if by_size >= 0.5:
+        best = int(np.argmax(log))
+        name, value = asked.shapes[best // asked.sizes.shape[1]].name, flat[best, hidden]
+    rows = [hidden.index(k) for k in guessed]
+    if by_size < 0.5:
+        value[rows] = [wall[1] for wall in walls]
+        name = ESTIMATE if len(rows) == len(hidden) else f"{name}, {ESTIMATE}"
+    for row, k, (_, middle, std) in zip(rows, guessed, walls, strict=True):
+        away = by_size * float(share @ (flat[:, k] - value[row]) ** 2) + (1 - by_size) * ((middle - value[row]) ** 2 + std**2)
+        spread[row] = max(math.sqrt(away), std)
+    return name, value, spread, frozenset(asked.names[k] for k in guessed) if by_size < 0.5 else frozenset()
+
+
+def _any_wall(asked: _Question, k: int) -> tuple[float, float, float]:
+    """Log density of the estimate of a wall that may be any (log-uniform as in `_log_free`), and mean and standard deviation given the estimate."""
+    at = float(asked.value[k])
+    std = max(math.sqrt(float(asked.covariance[k, k])), WALL_SHARE * at)  # finer than what mills deliver nothing is asked
+    ratio = asked.sizes[..., k] / asked.sizes[..., 0] * asked.value[0]
+    low, high = min(float(ratio.min()) / BEYOND, max(at - 3 * std, 0.5 * at)), max(float(ratio.max()) * BEYOND, at + 3 * std)
+    high = min(high, 0.5 * float(asked.value[0]))
+    t = np.geomspace(min(low, 0.5 * high), high, N_WALLS)
+    log = -0.5 * ((t - at) / std) ** 2
+    peak = float(log.max())
+    weight = np.exp(log - peak)
+    mean = float(weight @ t / weight.sum())
+    evidence = peak + math.log(float(weight.mean())) - math.log(std * math.sqrt(2 * math.pi))
+    return evidence, mean, math.sqrt(float(weight @ (t - mean) ** 2 / weight.sum()))
 
 
 def standard_odds(family: str, values: Mapping[str, float], std_m: float, table: Table | None = None) -> float:
@@ -137,7 +200,9 @@ def _middle(at: FloatArray, weight: FloatArray) -> int:
     return int(worth[int(np.argmin(cost))])
 
 
-def _conditioned(asked: _Question, hidden: list[int], assumed: FloatArray, width: FloatArray, name: str) -> PriorThickness:
+def _conditioned(
+    asked: _Question, hidden: list[int], assumed: FloatArray, width: FloatArray, name: str, estimated: frozenset[str]
+) -> PriorThickness:
     """Estimates of the observed dimensions given the assumed ones (conditional Gaussian); the covariance of a hidden one may be zero: unknown."""
     value, std = asked.value.copy(), np.sqrt(np.diag(asked.covariance))
     known, used = list(asked.known), [k for k in hidden if asked.covariance[k, k] > 0]
@@ -147,8 +212,8 @@ def _conditioned(asked: _Question, hidden: list[int], assumed: FloatArray, width
         rest = asked.covariance[np.ix_(known, known)] - gain @ asked.covariance[np.ix_(used, known)]
         std[known] = np.sqrt(np.maximum(np.diag(rest), 0.0))
     value[hidden], std[hidden] = assumed, width
-    names = asked.names
-    return PriorThickness(name=name, values=dict(zip(names, value.tolist(), strict=True)), std_m=dict(zip(names, std.tolist(), strict=True)))
+    by_name, spread = dict(zip(asked.names, value.tolist(), strict=True)), dict(zip(asked.names, std.tolist(), strict=True))
+    return PriorThickness(name=name, values=by_name, std_m=spread, estimated=estimated)
 
 
 def _question(family: str, values: Mapping[str, float], covariance: FloatArray, observable: Mapping[str, bool], table: Table | None) -> _Question:

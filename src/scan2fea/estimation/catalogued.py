@@ -13,11 +13,12 @@ from scan2fea.estimation.table import Table, shipped_table
 from scan2fea.kernel.sections import PARAMETERS, check_section
 from scan2fea.types import CatalogueEntry, Member, Parameter
 
-CATALOGUE = "catalogue"
+CATALOGUE, ESTIMATED = "catalogue", "estimate"
 
 
 def catalogued(member: Member, table: Table | None = None) -> Member:
-    """The member with `catalogue` filled; dimensions of the section that are not observable take the value of the prior, which one entry names.
+    """The member with `catalogue` filled; dimensions of the section that are not observable take the value of the size nearest to what the points
+    make likely of them (`Parameter.spread_m`), or that estimate itself; one entry names which.
 
     Observed dimensions then are those estimated at the assumed ones. What the user fixed stays. A table without sizes of the family leaves the values
     as they are. Raises UsageError where no dimension of the section was observed, EstimationError where no size of the table goes with those.
@@ -31,7 +32,11 @@ def catalogued(member: Member, table: Table | None = None) -> Member:
     entries = posterior(member.family, values, covariance, known, sizes)
     if all(known.values()) or not sizes.of(member.family):
         return replace(member, catalogue=entries)
-    prior = prior_thickness(member.family, values, covariance, known, sizes)
+    with_guess = covariance.copy()
+    for i, k in enumerate(rows):
+        if not known[member.parameters[k].name]:
+            with_guess[i, i] = (member.parameters[k].spread_m or 0.0) ** 2
+    prior = prior_thickness(member.family, values, with_guess, known, sizes)
     built = _built_with(member, prior, known)
     try:
         check_section(built.family, built.values())
@@ -71,12 +76,13 @@ def _moved(p: Parameter, prior: PriorThickness, known: dict[str, bool]) -> Param
     if p.name not in known or p.source == "fixed":
         return p
     if not known[p.name]:
-        return replace(p, value_m=prior.values[p.name], std_m=None, source=CATALOGUE)
+        source = ESTIMATED if p.name in prior.estimated else CATALOGUE
+        return replace(p, value_m=prior.values[p.name], std_m=None, source=source, spread_m=prior.std_m[p.name])
     return replace(p, value_m=prior.values[p.name], std_m=p.std_m if p.std_m is None else min(p.std_m, prior.std_m[p.name]))
 
 
 def _with_prior(entries: tuple[CatalogueEntry, ...], prior: PriorThickness) -> tuple[CatalogueEntry, ...]:
-    """One entry says what the member is built with: the size itself, or "no size of the table" with the size that was scaled."""
+    """One entry says what the member is built with: the size itself, or "no size of the table" with the size that was scaled or the estimate."""
     if any(entry.name == prior.name for entry in entries):
         return entries
     told = {entry.name: entry for entry in entries}

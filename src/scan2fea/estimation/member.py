@@ -24,7 +24,7 @@ from scan2fea.estimation.fit import MIN_POINTS, FitOptions, SectionFit, fit_sect
 from scan2fea.estimation.given import Given, Told, compared, joint_p_value
 from scan2fea.estimation.initial import Start, starts
 from scan2fea.estimation.likelihood import hull_area
-from scan2fea.estimation.observability import RESOLVED
+from scan2fea.estimation.observability import KERNEL_SPREAD, RESOLVED
 from scan2fea.estimation.prismatic import is_prismatic
 from scan2fea.estimation.swept import Sweep, sweep_of
 from scan2fea.estimation.systematic import face_error, thinned_spacing, widened
@@ -449,8 +449,10 @@ def _member(sweep: Sweep, fit: SectionFit, ends: Ends, fixed: Mapping[str, float
             parameters.append(Parameter(name=name, value_m=fixed[name], std_m=None, observable=True, source="fixed"))
             continue
         std = math.sqrt(max(float(covariance[i, i]), 0.0))
-        told = fit.observable.get(name, True) and std > 0 and not _blind_plate(fit, name)
-        parameters.append(Parameter(name=name, value_m=values[i], std_m=std if told else None, observable=told, source="fitted"))
+        blind = _blind_plate(fit, name)
+        told = fit.observable.get(name, True) and std > 0 and not blind
+        spread = max(std, KERNEL_SPREAD * values[i]) if std > 0 and not told and not blind else None
+        parameters.append(Parameter(name=name, value_m=values[i], std_m=std if told else None, observable=told, source="fitted", spread_m=spread))
         if not told:
             covariance[i, :] = covariance[:, i] = 0.0
     degree = int(max((k for k in range(sweep.axis.shape[1]) if sweep.axis[:, k].any()), default=1))
@@ -487,7 +489,9 @@ def _honest(points: FloatArray, member: Member, options: MemberOptions) -> tuple
     loose = [k for k, p in enumerate(member.parameters) if p.name in why]
     covariance = np.array(member.covariance)
     covariance[loose, :] = covariance[:, loose] = 0.0
-    parameters = tuple(dataclasses.replace(p, std_m=None, observable=False) if p.name in why else p for p in member.parameters)
+    unknown = {p.name for p in member.parameters if p.name in why or (p.spread_m is not None and p.name not in fixed)}  # not even nearly
+    loose_one = {p.name: dataclasses.replace(p, std_m=None, observable=False, spread_m=None) for p in member.parameters}
+    parameters = tuple(loose_one[p.name] if p.name in unknown else p for p in member.parameters)
     return dataclasses.replace(member, parameters=parameters, covariance=covariance), why
 
 

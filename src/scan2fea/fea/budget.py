@@ -84,7 +84,7 @@ def budget(member: Member, material: Material, force_n: float, root_radius_m: fl
 
         drawn = _samples(sampled, centre, covariance, n_samples, seed)
     spread = {name: float(np.std([row[name] for row in drawn], ddof=1)) for name in told} if len(drawn) > 1 else first
-    assumed = tuple(p.name for p in member.parameters if p.source == "catalogue")
+    assumed = tuple(p.name for p in member.parameters if p.source in ("catalogue", "estimate"))
     return Budget(value=told, first_order_std=first, std=spread, n_samples=len(drawn), assumed=assumed)
 
 

@@ -13,7 +13,10 @@ from scan2fea.types import Member
 
 def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Given] = ()) -> dict[str, Any]:
     """The row; every number is SI."""
-    parameters = {p.name: {"value_m": p.value_m, "std_m": p.std_m, "observable": p.observable, "source": p.source} for p in member.parameters}
+    parameters = {
+        p.name: {"value_m": p.value_m, "std_m": p.std_m, "observable": p.observable, "source": p.source, "spread_m": p.spread_m}
+        for p in member.parameters
+    }
     return {
         "family": member.family,
         "families": dict(member.families),

@@ -28,7 +28,9 @@ from scan2fea.pipeline.member_rows import member_row
 from scan2fea.pipeline.part import Made
 from scan2fea.pipeline.scene import Scene
 from scan2fea.segmentation import Selection
-from scan2fea.types import Brep, Check, FEModel, FEResult, Member, Segments, TetMesh, TriangleMesh
+from scan2fea.types import Brep, Check, FEModel, FEResult, Member, Parameter, Segments, TetMesh, TriangleMesh
+from scan2fea.verification.limits import limits
+from scan2fea.verification.member import assumed_volume_std
 from scan2fea.verification.verdict import verdict
 
 SCHEMA = 1
@@ -205,11 +207,28 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
 
 def assumed(member: Member) -> str:
     """What the solid of a member rests on besides its points, for the verdict's line."""
-    walls = [p for p in member.parameters if p.source == "catalogue"]
-    said = ", ".join(f"{p.name} = {p.value_m * 1e3:.4g} mm" for p in walls)
-    prior = f"; not observable, taken from the catalogue: {said}" if walls else ""
+    walls = [p for p in member.parameters if p.source in ("catalogue", "estimate")]
+    said = ", ".join(f"{p.name} = {p.value_m * 1e3:.4g} mm from {_stand_in(member, p)}" for p in walls)
+    prior = f"; not observable, built with {said}{_doubt(member)}" if walls else ""
     unseen = sum(share < SEEN for share in member.seen.values())
     return prior + (f"; {unseen} of {len(member.seen)} faces of the section were not seen, they follow from the others" if unseen else "")
+
+
+def _stand_in(member: Member, wall: Parameter) -> str:
+    """What a wall that the points do not tell was built with."""
+    if wall.source == "estimate":
+        return "the estimate of the points, which they cannot vouch for (no standard size is near it)"
+    sizes = [e for e in member.catalogue if e.parameters.get(wall.name) == wall.value_m]
+    named = sorted(sizes, key=lambda e: -e.is_standard)
+    return f"the catalogue ({named[0].name})" if named else "the catalogue"
+
+
+def _doubt(member: Member) -> str:
+    """How uncertain the volume is for it, where that is more than a measured member may be."""
+    share, allowed = assumed_volume_std(member), float(limits()["member.volume_std"]["limit"])
+    if share <= allowed:
+        return ""
+    return f", so that the volume is uncertain by {share:.0%} (one standard deviation; of measured members at most {allowed:.0%})"
 
 
 def deviation_row(made: Made) -> dict[str, Any] | None:

@@ -23,7 +23,12 @@ SEEN_SHARE = 0.1  # of a face that points support: less is chance
 DRAWN, MARGIN = 240, 44  # size of the drawing and of the space around it
 BAR = 96  # width of an error bar
 LISTED = 8  # sizes of the catalogue and places of damage shown
-SOURCES = {"fitted": "measured", "fixed": "given", "catalogue": "not observable: from the catalogue"}
+SOURCES = {
+    "fitted": "measured",
+    "fixed": "given",
+    "catalogue": "not observable: from the catalogue",
+    "estimate": "not observable: an estimate that the points cannot vouch for",
+}
 SIDES: Mapping[str, tuple[str, str]] = {"L": ("a", "b"), "rect": ("b", "t"), "CHS": ("d", ""), "round": ("d", "")}  # written below and beside
 
 
@@ -67,7 +72,8 @@ def _dimensions(member: Row) -> Html:
         is_seen, std = bool(row.get("observable", True)), row.get("std_m")
         std = float(std) if is_number(std) and is_seen else None
         shown = with_deviation(float(row["value_m"]) * MILLIMETRES_PER_METRE, None if std is None else std * MILLIMETRES_PER_METRE)
-        source = SOURCES.get(str(row.get("source")), "measured") if is_seen else SOURCES["catalogue"]
+        source = SOURCES.get(str(row.get("source")), "measured")
+        source = SOURCES["catalogue"] if not is_seen and source == SOURCES["fitted"] else source
         rows.append([name, figure_cell(f"{shown} mm", "value"), _error_bar(std, widest), source])
     classes = ["" if row.get("observable", True) else "prior" for row in parameters.values()]
     note = tag("p", f"Error bars: one standard deviation, the longest {number(widest * MILLIMETRES_PER_METRE, 2)} mm.") if widest > 0 else NOTHING

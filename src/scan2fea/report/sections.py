@@ -28,6 +28,7 @@ from scan2fea.report.words import (
     number_of,
     percent,
     quantity,
+    stand_in,
     unobserved,
     volume,
 )
@@ -82,7 +83,7 @@ def _what_to_do(item: Item) -> Html:
     """What would make a failed object convert; of a converted one, what was not observed."""
     if item.get("verdict") == "converted":
         hidden = unobserved(item)
-        told = f"Built with {', '.join(hidden)} from the catalogue: the scan could not tell. Measure it before you rely on it."
+        told = f"Built with {', '.join(hidden)} from {stand_in([item])}: the scan could not tell. Measure it before you rely on it."
         return tag("p", told, class_="note") if hidden else NOTHING
     says = [str(check.get("says")) for check in item.get("checks") or [] if not check.get("passed") and check.get("says")]
     more = [text for text in dict.fromkeys(says) if text != item.get("reason")]

@@ -5,7 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from scan2fea.report.words import THIN_SPACE, count, dimensions, first_frequency_hz, headline, mass_kg, number, number_of, unobserved, volume
+from scan2fea.report.words import (
+    THIN_SPACE,
+    count,
+    dimensions,
+    first_frequency_hz,
+    headline,
+    mass_kg,
+    number,
+    number_of,
+    stand_in,
+    unobserved,
+    volume,
+)
 
 
 def summary_lines(report: Mapping[str, Any]) -> tuple[str, ...]:
@@ -24,7 +36,7 @@ def _line(item: Mapping[str, Any]) -> str:
     mass, frequency = mass_kg(item), first_frequency_hz(item)
     facts += [f"{number(mass)} kg"] if mass is not None else []
     facts += [f"f1 {number(frequency)} Hz"] if frequency is not None else []
-    facts += [f"not observed: {', '.join(unobserved(item))} (catalogue)"] if unobserved(item) else []
+    facts += [f"not observed: {', '.join(unobserved(item))} (from {stand_in([item])})"] if unobserved(item) else []
     return f"{name}: converted: {', '.join(facts)}"
 
 

@@ -195,7 +195,7 @@ def headline(report: Mapping[str, Any]) -> str:
     assumed = [o for o in objects if o.get("verdict") == "converted" and unobserved(o)]
     if assumed:
         who = plural(len(assumed), "converted object has a dimension", "converted objects have dimensions")
-        sentence += f" {who} from a catalogue: the scan could not tell."
+        sentence += f" {who} from {stand_in(assumed)}: the scan could not tell."
     return _inputs_left_out(report, sentence)
 
 
@@ -203,6 +203,15 @@ def unobserved(item: Mapping[str, Any]) -> tuple[str, ...]:
     """Names of the member's parameters that the data could not tell."""
     parameters = (item.get("member") or {}).get("parameters") or {}
     return tuple(name for name, value in parameters.items() if not value.get("observable", True))
+
+
+def stand_in(items: Iterable[Mapping[str, Any]]) -> str:
+    """What the dimensions that the data could not tell were taken from."""
+    rows = [row for item in items for row in ((item.get("member") or {}).get("parameters") or {}).values() if not row.get("observable", True)]
+    sources = {str(row.get("source")) for row in rows}
+    if "estimate" not in sources:
+        return "a catalogue"
+    return "an estimate that the points cannot vouch for" if sources == {"estimate"} else "a catalogue or an estimate"
 
 
 def worst_check(checks: Iterable[Mapping[str, Any]]) -> Mapping[str, Any] | None:

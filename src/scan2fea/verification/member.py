@@ -67,3 +67,11 @@ def relative_volume_std(member: Member) -> float:
     area, by_dimension = section_area(section(member.family, values)), section_area_slopes(member.family, values)
     by_parameter = np.array([area if p.name == "length" else values["length"] * by_dimension[p.name] for p in member.parameters])
     return math.sqrt(max(float(by_parameter @ member.covariance @ by_parameter), 0.0)) / (area * values["length"])
+
+
+def assumed_volume_std(member: Member) -> float:
+    """Standard deviation of the volume over its value from what stands in for dimensions that are not observable, each by itself."""
+    values = member.values()
+    area, slopes = section_area(section(member.family, values)), section_area_slopes(member.family, values)
+    parts = [slopes[p.name] * p.spread_m for p in member.parameters if not p.observable and p.spread_m and p.name in slopes]
+    return math.sqrt(sum(part**2 for part in parts)) / area

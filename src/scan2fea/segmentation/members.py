@@ -22,6 +22,7 @@ from scan2fea.kernel.noise import noise_sigma, spacing
 from scan2fea.kernel.normals import pca_normals
 from scan2fea.kernel.spanning_tree import tree_parts
 from scan2fea.kernel.voxels import voxel_mean
+from scan2fea.segmentation.extents import Extent, extent_of
 from scan2fea.segmentation.sweeps import GAP, ONE_FACE, SLICE, across, directions, refined_axis, run_lengths, slice_profile
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
@@ -35,13 +36,12 @@ _NORMAL_NEIGHBOURS = 16
 _DISTINCT = 0.9994  # cosine of 2 degrees
 _NEARLY = 0.8  # of the longest run: of such directions the one of most points is taken
 _LEAST_PIECE = 3 * _NORMAL_NEIGHBOURS
-_TAIL = 0.01  # of the points may lie outside a member's box at each side
 _LINK = 3.5  # spacings: neighbours on one surface (radius.link_radius)
 _ALONG = 0.5  # of its length that a piece lies along another to be one with it
 _IN_LINE = 0.97  # cosine of 14 degrees
 _OBLIQUE = 0.26  # cosine of 75 degrees
 _ALIKE = 1.35  # ratio of widths that still is the same section
-_MOST_CUTS = 40
+_MOST_CUTS, _MOST_CELLS = 40, 2e6
 _EMPTY = 0.75  # of its usual share: less, and the section is not there
 _SHORT, _INSIDE = 0.25, 0.8  # a piece of less than a quarter of the length must lie within the other's box to be one with it
 
@@ -66,7 +66,10 @@ def members(points: FloatArray, seed: int = 0, min_points: int = 100) -> IntArra
         return whole
     piece, axes = _pieces(thin, seed)
     piece = _given_back(thin, _shortened(thin, piece, axes))
-    group = _joined(thin, _cut(thin, piece, axes))
+    piece = _cut(thin, piece, axes)
+    if len(np.unique(piece[piece >= 0])) < 2 or (piece >= 0).sum() < _EXPLAINED * len(piece):
+        return whole
+    group = _joined(thin, piece)
     chosen = _members_of(thin, group)
     if chosen is None:
         return whole
@@ -195,10 +198,10 @@ def _empty_zones(thin: _Thin, rows: IntArray, piece: IntArray, axes: FloatArray,
 
 def _given_back(thin: _Thin, piece: IntArray) -> IntArray:
     """Pieces (n,) where what one was shortened by goes to a long one that runs through there."""
-    long_ones: list[_Extent] = []
+    long_ones: list[Extent] = []
     numbers = []
     for p in np.flatnonzero(np.bincount(piece[piece >= 0]) >= _LEAST_PIECE):
-        extent = _extent(thin.points[piece == p], thin.normals[piece == p])
+        extent = extent_of(thin.points[piece == p], thin.normals[piece == p])
         if extent.length >= _STUB * extent.width:
             long_ones.append(extent)
             numbers.append(p)
@@ -212,17 +215,17 @@ def _passes(thin: _Thin, rows: IntArray, piece: IntArray, axes: FloatArray, p: i
     """Whether a piece of another direction goes through the section of piece p between two of its slices."""
     axis = axes[p]
     u, v = across(axis)
-    z0 = float((thin.points[rows] @ axis).min())
-    low, high = z0 + gap[0] * SLICE * thin.h, z0 + gap[1] * SLICE * thin.h
-    flat = np.stack([thin.points @ u, thin.points @ v], 1)
-    box_low, box_high = flat[rows].min(axis=0) + thin.h, flat[rows].max(axis=0) - thin.h  # what only rests on it does not pass
     z = thin.points @ axis
-    inside = (z >= low - thin.h) & (z <= high + thin.h) & ((flat >= box_low) & (flat <= box_high)).all(axis=1) & (piece >= 0) & (piece != p)
-    if not inside.any():
-        return False
+    z0 = float(z[rows].min())
+    low, high = z0 + (gap[0] * SLICE - 1.0) * thin.h, z0 + (gap[1] * SLICE + 1.0) * thin.h
+    beside = np.flatnonzero((z >= low) & (z <= high) & (piece >= 0) & (piece != p))
+    across_it = np.stack([u, v], 1)
+    own, flat = thin.points[rows] @ across_it, thin.points[beside] @ across_it
+    box_low, box_high = own.min(axis=0) + thin.h, own.max(axis=0) - thin.h  # what only rests on it does not pass
+    inside = beside[((flat >= box_low) & (flat <= box_high)).all(axis=1)]
     others, counts = np.unique(piece[inside], return_counts=True)
     passing = [q for q, n in zip(others, counts, strict=True) if n >= _NORMAL_NEIGHBOURS and abs(float(axes[q] @ axis)) < _IN_LINE]
-    return any(_is_on_both_sides(thin, rows, np.flatnonzero((piece == q) & (z >= low - thin.h) & (z <= high + thin.h))) for q in passing)
+    return any(_is_on_both_sides(thin, rows, beside[piece[beside] == q]) for q in passing)
 
 
 def _is_on_both_sides(thin: _Thin, rows: IntArray, others: IntArray) -> bool:
@@ -234,51 +237,6 @@ def _is_on_both_sides(thin: _Thin, rows: IntArray, others: IntArray) -> bool:
     return bool(min((height > thin.h).sum(), (height < -thin.h).sum()) >= _NORMAL_NEIGHBOURS / 2)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Extent(Value):
-    """The box of a group. frame : (3, 3) rows, two across and the axis.   middle : (3,).   low, high : (3,) in the frame about the middle."""
-
-    frame: FloatArray
-    middle: FloatArray
-    low: FloatArray
-    high: FloatArray
-
-    @property
-    def axis(self) -> FloatArray:
-        return np.asarray(self.frame[2])
-
-    @property
-    def length(self) -> float:
-        return float(self.high[2] - self.low[2])
-
-    @property
-    def width(self) -> float:
-        """The larger side of the section."""
-        return float(max((self.high - self.low)[:2].max(), 1e-12))
-
-    @property
-    def ends(self) -> tuple[FloatArray, FloatArray]:
-        """Where the axis begins and ends."""
-        return self.middle + self.low[2] * self.axis, self.middle + self.high[2] * self.axis
-
-    def holds(self, points: FloatArray, margin: float) -> BoolArray:
-        """(n,) which points are in the box, widened by the margin."""
-        local = (points - self.middle) @ self.frame.T
-        return np.asarray(((local >= self.low - margin) & (local <= self.high + margin)).all(axis=1))
-
-
-def _extent(points: FloatArray, normals: FloatArray) -> _Extent:
-    middle = points.mean(axis=0)
-    centred = points - middle
-    axis = refined_axis(points, normals, np.linalg.eigh(centred.T @ centred)[1][:, 2])
-    u, v = across(axis)
-    flat = np.stack([centred @ u, centred @ v], 1)
-    turn = np.linalg.eigh(flat.T @ flat)[1]
-    frame = np.stack([turn[0, 0] * u + turn[1, 0] * v, turn[0, 1] * u + turn[1, 1] * v, axis])
-    low, high = np.quantile(centred @ frame.T, [_TAIL, 1.0 - _TAIL], axis=0)
-    return _Extent(frame=frame, middle=middle, low=low, high=high)
-
-
 def _joined(thin: _Thin, piece: IntArray) -> IntArray:
     """Pieces that lie along each other become one, and pieces in line with the same section between which nothing passes; twice, as they grow."""
     for _ in range(2):
@@ -288,7 +246,7 @@ def _joined(thin: _Thin, piece: IntArray) -> IntArray:
             return piece
         group = np.full(len(piece), -1, np.int64)
         group[piece >= 0] = packed
-        extents = [_extent(thin.points[group == g], thin.normals[group == g]) for g in range(n)]
+        extents = [extent_of(thin.points[group == g], thin.normals[group == g]) for g in range(n)]
         edges = _side_by_side(thin, group, extents)
         if not edges:
             return group
@@ -297,13 +255,14 @@ def _joined(thin: _Thin, piece: IntArray) -> IntArray:
     return piece
 
 
-def _side_by_side(thin: _Thin, group: IntArray, extents: list[_Extent]) -> list[tuple[int, int]]:
+def _side_by_side(thin: _Thin, group: IntArray, extents: list[Extent]) -> list[tuple[int, int]]:
     """Pairs of which the shorter lies along the other over half its length, or which go on in line."""
-    distance, near = k_nearest(thin.points, 32)
+    border = _near_another(thin, group)
+    distance, near = k_nearest(thin.points, 32, thin.points[border])
     i, j = np.nonzero(distance <= _LINK * thin.h)
-    a, b = group[i], group[near[i, j]]
-    ok = (a >= 0) & (b >= 0) & (a != b)
-    i, a, b = i[ok], a[ok], b[ok]
+    a, b = group[border[i]], group[near[i, j]]
+    ok = (b >= 0) & (a != b)
+    i, a, b = border[i[ok]], a[ok], b[ok]
     axes = np.array([e.axis for e in extents])
     at = np.floor(np.einsum("nc,nc->n", thin.points[i], axes[a]) / (GAP * thin.h)).astype(np.int64)
     rows = np.unique(np.stack([a, b, at], 1), axis=0)
@@ -322,26 +281,40 @@ def _side_by_side(thin: _Thin, group: IntArray, extents: list[_Extent]) -> list[
     return edges + [(p, q) for p, (_, _, q) in along.items()]
 
 
-def _in_line(one: _Extent, other: _Extent) -> bool:
+def _near_another(thin: _Thin, group: IntArray) -> IntArray:
+    """Rows of the points of a group that may have one of another within the reach of a link: all others have only their own in the cells around."""
+    rows = np.flatnonzero(group >= 0)
+    cell = np.floor((thin.points[rows] - thin.points[rows].min(axis=0)) / (_LINK * thin.h)).astype(np.int64) + 1
+    shape = cell.max(axis=0) + 2
+    if np.prod(shape.astype(float)) > _MOST_CELLS:
+        return rows
+    most, least = np.full(shape, -1, np.int32), np.full(shape, group.max() + 1, np.int32)
+    np.maximum.at(most, tuple(cell.T), group[rows])
+    np.minimum.at(least, tuple(cell.T), group[rows])
+    differs = ndimage.maximum_filter(most, 3) != ndimage.minimum_filter(least, 3)
+    return rows[differs[tuple(cell.T)]]
+
+
+def _in_line(one: Extent, other: Extent) -> bool:
     """Whether one goes on where the other ends, with the same section."""
     gap = min(float(np.linalg.norm(p - q)) for p in one.ends for q in other.ends)
     is_alike = 1 / _ALIKE <= one.width / other.width <= _ALIKE
     return is_alike and abs(float(one.axis @ other.axis)) >= _IN_LINE and gap <= 0.5 * max(one.width, other.width)
 
 
-def _members_of(thin: _Thin, group: IntArray) -> tuple[IntArray, list[_Extent]] | None:
+def _members_of(thin: _Thin, group: IntArray) -> tuple[IntArray, list[Extent]] | None:
     """Number (n,) of the member that each point lies on, -1 none, and the boxes; None where the cluster is not made of two long ones or more.
 
     Two that meet at a slant are two already at three times their width if one is a third wider than the other: a girder and its brace. Stubs that
     meet square may be one welded body, and how much of a section was seen tells too little of their sizes.
     """
     out = np.full(len(group), -1, np.int64)
-    extents: list[_Extent] = []
+    extents: list[Extent] = []
     for g in range(int(group.max(initial=-1)) + 1):
         rows = np.flatnonzero(group == g)
         if len(rows) < _LEAST_PIECE:
             continue
-        extent = _extent(thin.points[rows], thin.normals[rows])
+        extent = extent_of(thin.points[rows], thin.normals[rows])
         if extent.length < _STUB * extent.width:
             continue
         out[rows] = len(extents)
@@ -360,7 +333,7 @@ def _members_of(thin: _Thin, group: IntArray) -> tuple[IntArray, list[_Extent]] 
     return (out, extents) if is_made_of(slender >= LONG) or (braced.any() and is_made_of(beams)) else None
 
 
-def _run_through(thin: _Thin, member: IntArray, extents: list[_Extent]) -> IntArray:
+def _run_through(thin: _Thin, member: IntArray, extents: list[Extent]) -> IntArray:
     """Members (n,) where points at joints go to the one that runs through.
 
     A point in the box of a member and in a run of half its length is that member's; of several the one whose ends are farther away: the web of a
@@ -377,7 +350,7 @@ def _run_through(thin: _Thin, member: IntArray, extents: list[_Extent]) -> IntAr
     return out
 
 
-def _filled(thin: _Thin, member: IntArray, extents: list[_Extent]) -> IntArray:
+def _filled(thin: _Thin, member: IntArray, extents: list[Extent]) -> IntArray:
     """Labels (n,) without gaps: what is left goes to the nearest member; a connected part that sticks out of all is an object of its own."""
     labels = member.copy()
     left = np.flatnonzero(member < 0)

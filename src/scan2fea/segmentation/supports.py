@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scan2fea.kernel.neighbors import radius_components
+from scan2fea.kernel.threads import in_threads
 from scan2fea.segmentation.footprint import DIRECTIONS, border_share, directions_beyond, grid_on, is_covered, least_extent, standing_parts
 from scan2fea.segmentation.planes import Plane, PlaneFinder
 from scan2fea.types import FloatArray, IntArray, Value
@@ -56,7 +57,9 @@ def find_supports(finder: PlaneFinder, sensors: FloatArray, radius_m: float, min
     todo: list[tuple[IntArray, Plane | None]] = [(np.arange(len(points)), None)]
     while todo and len(planes) < _MOST:
         part, floor = todo.pop()
-        for rows in _connected(points, part, radius_m, min_points):
+        connected = _connected(points, part, radius_m, min_points)
+        in_threads(finder.of, connected)  # it keeps what it finds
+        for rows in connected:
             plane = _support_of(finder, rows, sensors[rows], radius_m, min_points, floor)
             if plane is None:
                 continue

@@ -100,11 +100,12 @@ def run_lengths(points: FloatArray, normals: FloatArray, axis: FloatArray, h: fl
     length = np.zeros(len(points))
     u, v = across(axis)
     flat, z = np.stack([points[rows] @ u, points[rows] @ v], 1) / (COLUMN * h), points[rows] @ axis
+    up = (z - z.min()) / (np.ptp(z) * (1.0 + 1e-6)) if len(z) and np.ptp(z) > 0 else np.zeros(len(z))  # 0 <= up < 1
     for shift in (0.0, 0.5):
         column = np.floor(flat + shift).astype(np.int64)
         column -= column.min(axis=0, initial=0)
         key = column[:, 0] * (int(column[:, 1].max(initial=0)) + 1) + column[:, 1]
-        order = np.lexsort((z, key))
+        order = np.argsort(key + up)  # by column, then along the axis
         starts = (np.diff(key[order], prepend=-1) != 0) | (np.diff(z[order], prepend=0.0) > GAP * h)
         run = np.cumsum(starts) - 1
         first = np.flatnonzero(starts)
@@ -133,7 +134,8 @@ def slice_profile(points: FloatArray, axis: FloatArray, h: float) -> tuple[Float
     column = np.floor(np.stack([points @ u, points @ v], 1) / (COLUMN * h)).astype(np.int64)
     z = points @ axis
     at = np.floor((z - z.min()) / (SLICE * h)).astype(np.int64)
-    number = np.unique(column, axis=0, return_inverse=True)[1].ravel()
+    column -= column.min(axis=0)
+    number = np.unique(column[:, 0] * (int(column[:, 1].max()) + 1) + column[:, 1], return_inverse=True)[1].ravel()
     seen: BoolArray = np.zeros((int(number.max()) + 1, int(at.max()) + 1), bool)
     seen[number, at] = True
     of_section = seen.mean(axis=1) >= 0.3

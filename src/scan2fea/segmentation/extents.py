@@ -1,0 +1,57 @@
+"""The box of a piece of a member: its frame, its length, the larger side of its section."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2fea.segmentation.sweeps import across, refined_axis
+from scan2fea.types import BoolArray, FloatArray, Value
+
+_TAIL = 0.01  # of the points may lie outside a member's box at each side
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Extent(Value):
+    """The box of a group. frame : (3, 3) rows, two across and the axis.   middle : (3,).   low, high : (3,) in the frame about the middle."""
+
+    frame: FloatArray
+    middle: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+    @property
+    def axis(self) -> FloatArray:
+        return np.asarray(self.frame[2])
+
+    @property
+    def length(self) -> float:
+        return float(self.high[2] - self.low[2])
+
+    @property
+    def width(self) -> float:
+        """The larger side of the section."""
+        return float(max((self.high - self.low)[:2].max(), 1e-12))
+
+    @property
+    def ends(self) -> tuple[FloatArray, FloatArray]:
+        """Where the axis begins and ends."""
+        return self.middle + self.low[2] * self.axis, self.middle + self.high[2] * self.axis
+
+    def holds(self, points: FloatArray, margin: float) -> BoolArray:
+        """(n,) which points are in the box, widened by the margin."""
+        local = (points - self.middle) @ self.frame.T
+        return np.asarray(((local >= self.low - margin) & (local <= self.high + margin)).all(axis=1))
+
+
+def extent_of(points: FloatArray, normals: FloatArray) -> Extent:
+    middle = points.mean(axis=0)
+    centred = points - middle
+    axis = refined_axis(points, normals, np.linalg.eigh(centred.T @ centred)[1][:, 2])
+    u, v = across(axis)
+    flat = np.stack([centred @ u, centred @ v], 1)
+    turn = np.linalg.eigh(flat.T @ flat)[1]
+    frame = np.stack([turn[0, 0] * u + turn[1, 0] * v, turn[0, 1] * u + turn[1, 1] * v, axis])
+    low, high = np.quantile(centred @ frame.T, [_TAIL, 1.0 - _TAIL], axis=0)
+    return Extent(frame=frame, middle=middle, low=low, high=high)

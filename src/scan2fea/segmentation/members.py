@@ -292,7 +292,8 @@ def _near_another(thin: _Thin, group: IntArray) -> IntArray:
     np.maximum.at(most, tuple(cell.T), group[rows])
     np.minimum.at(least, tuple(cell.T), group[rows])
     differs = ndimage.maximum_filter(most, 3) != ndimage.minimum_filter(least, 3)
-    return rows[differs[tuple(cell.T)]]
+    found: IntArray = rows[differs[tuple(cell.T)]]
+    return found
 
 
 def _in_line(one: Extent, other: Extent) -> bool:

@@ -93,6 +93,8 @@ def test_a_capture_is_put_together_by_imu_and_gps(tmp_path, capsys):
     assert main([*arguments, "-o", str(tmp_path / "out")]) == 0
     before, after = (off_room(read_scan(tmp_path / name / "cloud.ply").scan.cloud.points) for name in ("lies", "out"))
     assert np.sqrt((before**2).mean()) > 0.1 and np.sqrt((after**2).mean()) < 0.03
+    assert main(["segment", *arguments[1:], "--method", "single", "-o", str(tmp_path / "parts")]) == 0
+    np.testing.assert_allclose(np.sqrt((off_room(read_scan(tmp_path / "parts" / "cloud.ply").scan.cloud.points) ** 2).mean()), 0.0, atol=0.03)
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert 0 < np.median(report["registration"]["sweeps"][0]["std_m"]) < 0.03
     assert any("the inertial unit and the logs beside it" in text for text in report["warnings"])
@@ -101,6 +103,16 @@ def test_a_capture_is_put_together_by_imu_and_gps(tmp_path, capsys):
     assert "--gps" in capsys.readouterr().err
     assert main(["register", str(tmp_path / "out" / "cloud.ply"), *arguments[2:], "-o", str(tmp_path / "no")]) == 3
     assert "one capture of many turns" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["run", "register", "segment", "reconstruct", "fit"])
+def test_an_option_of_a_fusion_that_does_not_happen_is_refused(tmp_path, capsys, command):
+    cloud = tmp_path / "a.xyz"
+    np.savetxt(cloud, np.random.default_rng(0).uniform(0, 1, (50, 3)))
+    assert main([command, str(cloud), "-o", str(tmp_path / "out"), "--set", "fusion.scanner_m=[0.1, 0, 0]"]) == 2
+    said = capsys.readouterr().err
+    assert "fusion.scanner_m = (0.1, 0.0, 0.0) has no effect" in said or "fusion.scanner_m = [0.1, 0, 0] has no effect" in said
+    assert not (tmp_path / "out" / "report.json").exists()
 
 
 def test_a_place_on_a_map(tmp_path, capsys):

@@ -106,6 +106,7 @@ def _segment(commands: Commands) -> None:
     methods = "euclidean (default), kmeans, fuzzy_cmeans, agglomerative, divisive, learned, primitives, given, single [segmentation.method]"
     segment.add_argument("--method", metavar="M", help=methods)
     _add_poses(segment)
+    _add_motion(segment)
     segment.add_argument("--labels", metavar="COLUMN", help="true labels of the file (name or number), to compare with [input.labels]")
     _add_options(segment)
 

@@ -13,6 +13,7 @@ from scan2fea.errors import EmptyScanError, EstimationError, require
 from scan2fea.io import RawScan, read_scan, write_text
 from scan2fea.pipeline.assigned import assigned, own_section, resolved
 from scan2fea.pipeline.config import Config
+from scan2fea.pipeline.fuse import require_no_fusion
 from scan2fea.pipeline.member_rows import member_row
 from scan2fea.pipeline.results import finite_tree
 from scan2fea.pipeline.route import Estimate, estimate, table_of
@@ -40,6 +41,7 @@ def fit_file(path: Path, config: Config) -> FittedFile:
 
     Raises InputError for a file that cannot be used, UsageError for a bad designation or table, EstimationError where no section fits at all.
     """
+    require_no_fusion(config.fusion, "`fit` takes one file as it lies")
     raw = read_scan(path, config.input)
     require(len(raw.scan.cloud), EmptyScanError, f"{path}: holds no usable point")
     require_extent(raw.scan.cloud.points)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -239,10 +239,11 @@ def _report(logs: Logs, fused: Fused, config: Config) -> dict[str, Any]:
 def record_motion(options: FusionOptions, record: Record, raws: Sequence[Tracked[RawScan]]) -> list[Tracked[Fused]]:
     """The motion of the scanner that `fusion.imu` and the logs beside it tell, as a stage of a run; none without it.
 
-    Raises UsageError where logs are given that cannot tell it.
+    Raises UsageError where logs are given that cannot tell it, or options of a fusion that does not happen.
     """
     if not options.imu:
         require(not options.gps, UsageError, "--gps alone tells no motion within a turn: give --imu too")
+        require_no_fusion(options, "nothing is fused without --imu: give it (with --gps), or leave the option out")
         return []
     others = [text for text in (options.gps, options.odometry, options.poses) if text]
     require(others and options.method == "kalman", UsageError, "--imu tells places with --gps (or fusion.odometry, fusion.poses), by method kalman")
@@ -253,6 +254,15 @@ def record_motion(options: FusionOptions, record: Record, raws: Sequence[Tracked
     for text in motion.value.notes:
         record.event("note", text=text)
     return [motion]
+
+
+def require_no_fusion(options: FusionOptions, why: str) -> None:
+    """Raises UsageError that names the first option of a fusion that was set where none happens."""
+    usual = FusionOptions()
+    for each in fields(options):
+        value = getattr(options, each.name)
+        if each.name != "seed" and value != getattr(usual, each.name):
+            raise UsageError(f"fusion.{each.name} = {value!r} has no effect: {why}")
 
 
 def _scanner_motion(_: None, options: FusionOptions) -> Fused:

@@ -15,6 +15,7 @@ from scan2fea.kernel.measures import area, volume
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.pipeline.config import Config, to_toml
+from scan2fea.pipeline.fuse import require_no_fusion
 from scan2fea.pipeline.results import finite_tree
 from scan2fea.pipeline.scene import require_extent, shift_of, shifted
 from scan2fea.reconstruction import Reconstruction, reconstruct
@@ -34,6 +35,7 @@ def reconstruct_file(path: Path, out: Path, config: Config) -> dict[str, Any]:
     require(not out.exists() or out.is_dir(), UsageError, f"{out}: is a file; give a folder with -o")
     if out.is_dir() and any(entry.name not in FILES for entry in out.iterdir()):
         raise UsageError(f"{out}: holds other files than those of `reconstruct`; give an empty or new folder with -o")
+    require_no_fusion(config.fusion, "`reconstruct` takes one file as it lies")
     raw = read_scan(path, config.input)
     require(len(raw.scan.cloud), EmptyScanError, f"{path}: holds no usable point")
     require_extent(raw.scan.cloud.points)

@@ -16,6 +16,7 @@ from scan2fea.io import write_cloud_ply, write_text
 from scan2fea.io.files import write_bytes
 from scan2fea.pipeline.chosen import chosen_of
 from scan2fea.pipeline.config import Config, to_toml
+from scan2fea.pipeline.fuse import record_motion
 from scan2fea.pipeline.kinds import kinds_of, names_of
 from scan2fea.pipeline.labels import labels_text
 from scan2fea.pipeline.record import Record
@@ -43,8 +44,11 @@ def segment_files(inputs: Sequence[Path], out: Path, config: Config, picture: Pi
     if out.is_dir() and any(path.name not in FILES for path in out.iterdir()):
         raise UsageError(f"{out}: holds other files than those of `segment`; give an empty or new folder with -o")
     with tempfile.TemporaryDirectory() as folder:
-        raws, rows = read_all(inputs, config.input, Record(Path(folder), resume=False), config.acquisition)
-    scene = place_all(tuple(raw.value for raw in raws), config.registration, names=[Path(raw.value.path).name for raw in raws])
+        record = Record(Path(folder), resume=False)
+        raws, rows = read_all(inputs, config.input, record, config.acquisition)
+        moved = record_motion(config.fusion, record, raws)
+    motion = moved[0].value.trajectory if moved else None
+    scene = place_all(tuple(raw.value for raw in raws), config.registration, names=[Path(raw.value.path).name for raw in raws], motion=motion)
     scene = clean(scene, config.filtering)
     segments = segment(scene, config.segmentation)
     cloud = scene.scan.cloud

@@ -40,7 +40,7 @@ def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Traj
         return raw, None
     if given is None and options.sweeps != "odometry":
         return raw, None
-    time = _unwrapped(rays.time_s[raw.scan.cloud.ray])
+    time = unwrapped(rays.time_s[raw.scan.cloud.ray])
     if given is not None and given.time_s is not None:
         time = time + HOUR_S * round((float(given.time_s[0]) - float(time.min())) / HOUR_S)
         first, share = at_times(given, time)
@@ -48,15 +48,25 @@ def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Traj
         path = SweepPath(frame=frame, time_s=given.time_s, T_frame_knot=given.T_world_frame, std_m=std_m, std_rad=std_rad)
         told = "registration.poses" if given.covariance is None else "the inertial unit and the logs beside it"
         return replace(_moved(raw, path, first, share, f"its motion was taken out by the trajectory of {told}"), pose_given=True), path
-    period = _period(time, raw.sweep)
-    if not period > 0:
-        return raw, None
-    begun = _cut(time, period)
-    at = (time - begun) / period
+    period = period_of(time, raw.sweep)
+    return _by_odometry(raw, rays, frame, time, period) if period > 0 else (raw, None)
+
+
+def cut_in_sweeps(points: FloatArray, rays: Rays, time_s: FloatArray, period_s: float) -> tuple[Sweeps, float]:
+    """Points (n, 3) of turns of `period_s` as sweeps that begin where a turn has no returns, and when (s) the first of them begins."""
+    begun = _cut(time_s, period_s)
+    at = (time_s - begun) / period_s
     sweep = np.floor(at).astype(np.int64)
     order = np.lexsort((at, sweep))
-    sweeps = Sweeps(points=raw.scan.cloud.points[order], sweep=_packed(sweep[order]), share=(at - sweep)[order], period_s=period, gap_rad=_gap(rays))
-    found = odometry(sweeps, _range_noise(rays, raw.scan.cloud.ray, time))
+    begun += period_s * int(sweep[order[0]])
+    sweep, share = sweep[order] - int(sweep[order[0]]), (at - sweep)[order]
+    return Sweeps(points=points[order], sweep=sweep, share=share, period_s=period_s, gap_rad=_gap(rays)), begun
+
+
+def _by_odometry(raw: RawScan, rays: Rays, frame: int, time: FloatArray, period: float) -> tuple[RawScan, SweepPath | None]:
+    """The input with the motion taken out that its sweeps tell; as it lies, with the reason, where they tell none that can be believed."""
+    sweeps, begun = cut_in_sweeps(raw.scan.cloud.points, rays, time, period)
+    found = odometry(sweeps, range_noise(rays, raw.scan.cloud.ray, time))
     if not found.is_sure:
         return replace(raw, notes=(*raw.notes, f"{_why_not(found)}: it stays as it lies; give its motion with --poses")), None
     if found.stands:
@@ -71,7 +81,9 @@ def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Traj
         f"{float(found.std_m[-1]):.2g} m and {np.degrees(float(found.std_rad[-1])):.2g} degrees against its first; "
         f"distant sweeps contradict {found.agreement.contradicted:.1%} of each other's points at most ({found.agreement.limit:.0%} allowed)"
     )
-    return _moved(raw, path, sweep, at - sweep, says), path
+    at = (time - begun) / period
+    first = np.floor(at).astype(np.int64)
+    return _moved(raw, path, first, at - first, says), path
 
 
 def _why_not(found: Odometry) -> str:
@@ -125,12 +137,12 @@ def _std(given: Trajectory) -> tuple[FloatArray, FloatArray]:
     return np.sqrt(np.trace(P[:, :3, :3], axis1=1, axis2=2)), np.sqrt(np.trace(P[:, 3:, 3:], axis1=1, axis2=2))
 
 
-def _unwrapped(time_s: FloatArray) -> FloatArray:
+def unwrapped(time_s: FloatArray) -> FloatArray:
     """Times past the hour, across the hour."""
     return np.asarray(np.where(time_s < time_s.max() - HOUR_S / 2, time_s + HOUR_S, time_s)) if np.ptp(time_s) > HOUR_S / 2 else time_s
 
 
-def _period(time_s: FloatArray, turn: IntArray) -> float:
+def period_of(time_s: FloatArray, turn: IntArray) -> float:
     """Of a turn, s."""
     used, packed = np.unique(turn, return_inverse=True)
     begun = np.full(len(used), np.inf)
@@ -171,11 +183,7 @@ def _gap(rays: Rays) -> float:
     return max(float(np.median(np.diff(of_ring))), float(np.median(along)) if len(along) else 0.0)
 
 
-def _packed(sweep: IntArray) -> IntArray:
-    return sweep - int(sweep[0])
-
-
-def _range_noise(rays: Rays, ray: IntArray, time_s: FloatArray) -> float:
+def range_noise(rays: Rays, ray: IntArray, time_s: FloatArray) -> float:
     """Standard deviation of a range from second differences along each ring, by their median."""
     ring = np.zeros(len(ray), np.int64) if rays.ring is None else rays.ring[ray]
     order = np.lexsort((time_s, ring))

@@ -13,7 +13,7 @@ from PIL import Image
 from report.fake_out import angle_solid, boundary_of, plane, ring, scattered
 from scan2fea.report.camera import look_at
 from scan2fea.report.colours import BACKDROP, CATEGORIES, ORIGIN_COLOURS
-from scan2fea.report.figures import camera_for, deviation_figure, origin_figure, points_figure, regions_figure, scene_figure
+from scan2fea.report.figures import PIN_SHARE, apart, camera_for, deviation_figure, origin_figure, points_figure, regions_figure, scene_figure
 from scan2fea.types import PointCloud
 
 RING = ring()
@@ -109,3 +109,14 @@ def test_scene_has_a_pin_on_each_object():
     assert not pins and near(pixels(figure), BACKDROP) > 1000
     assert scene_figure(None, [cloud], width_px=300)[1].keys() == {0}
     assert scene_figure(None, []) is None and scene_figure(PointCloud.of(np.zeros((0, 3))), [None]) is None
+
+
+def test_pins_do_not_cover_each_other():
+    crowd = {k: (0.5 + 0.001 * k, 0.5) for k in range(6)} | {9: (0.02, 0.03), 10: (0.02, 0.03)}
+    found = apart(crowd, 0.56)
+    at = np.array(list(found.values())) * [1.0, 0.56]
+    gaps = np.linalg.norm(at[:, None] - at[None], axis=2)[np.triu_indices(len(at), 1)]
+    assert list(found) == list(crowd) and gaps.min() > 0.9 * PIN_SHARE
+    assert (at >= 0).all() and (at <= [1.0, 0.56]).all()
+    lone = {1: (0.2, 0.2), 2: (0.8, 0.8)}
+    assert {k: pytest.approx(v) for k, v in apart(lone, 0.5).items()} == lone and apart({}, 0.5) == {}

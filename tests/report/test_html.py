@@ -14,7 +14,7 @@ import pytest
 from report.fake_out import angle_solid, boundary_of, plane, ring, scattered
 from report.fake_report import CONVERTED, HOSTILE, fake_report
 from scan2fea.errors import FormatError, InputError, UsageError
-from scan2fea.report.html import render_page, write_report
+from scan2fea.report.html import _came_in, _kind, render_page, write_report
 from scan2fea.report.saved import Saved
 from scan2fea.types import PointCloud
 
@@ -136,7 +136,7 @@ def test_hostile_names_stay_names(page):
 
 def test_every_picture_has_words_and_a_scale(page):
     read = Reader(page)
-    assert len(read.images) == 1 + 9 + 1 + 3  # the scene, the angle, the plate, the ring
+    assert len(read.images) == 1 + 10 + 1 + 3  # the scene, the angle, the plate, the ring (open: no thickness)
     assert all(len(image["alt"]) > 10 and int(image["width"]) and int(image["height"]) for image in read.images)
     assert page.count('class="scale"') == len(read.images)
 
@@ -247,3 +247,20 @@ def test_pictures_shrink_when_there_are_very_many(tmp_path):
     report["objects"] = [dict(report["objects"][1], id=2) for _ in range(80)]
     made = Reader(render_page(InMemory(out=tmp_path, report=report)))
     assert {image["width"] for image in made.images[1:]} == {"350"}
+
+
+def top_of(n: int, **more: object) -> str:
+    rows = [{"path": f"in/{k:02d}.ply", "n_points": 10, "used": k != 3, "reason": "empty" if k == 3 else "", "unit": "m", **more} for k in range(n)]
+    return str(_came_in(rows))
+
+
+def test_many_inputs_are_one_sentence_and_what_was_left_out():
+    assert top_of(4).count("<tr") == 5
+    many = top_of(9, unit_source="assumed", sensor="known")
+    assert "9 inputs, 00.ply to 08.ply: 90 points, unit m (ASSUMED), sensor position known" in many and "no: empty" in many
+    assert many.count("<tr") == 2 and "05.ply" not in many
+
+
+def test_a_probability_is_told_only_of_the_kind_it_belongs_to():
+    item = {"kind": "free form", "guess": {"kind": "L", "confidence": 0.999}}
+    assert "%" not in str(_kind(item, 0)) and "99.9 %" in str(_kind({**item, "kind": "L"}, 0))

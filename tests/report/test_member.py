@@ -8,6 +8,7 @@ from report.fake_report import HOSTILE
 from scan2fea.kernel.sections import PARAMETERS
 from scan2fea.report.member import SEEN, UNSEEN, member_section, section_drawing
 from scan2fea.report.schema import report_schema
+from scan2fea.report.words import with_deviation
 
 SIZES = {
     "L": {"a": 0.127, "b": 0.1, "t": 0.00635},
@@ -46,7 +47,14 @@ def test_every_family_is_drawn_to_scale(family):
     ratio = (max(x) - min(x)) / (max(y) - min(y))
     expected = {"L": 1.27, "I": 0.5, "C": 0.375, "T": 1.2, "RHS": 0.6, "rect": 10.0}.get(family, 1.0)
     assert ratio == pytest.approx(expected, rel=0.01)
-    assert all(f"= {1e3 * size:.4g} mm" in drawing for size in sizes)
+    assert all(f"= {with_deviation(1e3 * size, 0.1)} mm" in drawing for size in sizes)
+
+
+def test_every_wall_is_written_and_one_that_is_not_told_says_so():
+    row = member("I")
+    row["parameters"]["tw"].update(observable=False, source="catalogue", std_m=None)
+    drawing = str(section_drawing(row))
+    assert "tw = 5.6 mm (not observable)" in drawing and f"tf = {with_deviation(8.5, 0.1)} mm" in drawing
 
 
 def test_faces_have_the_colour_of_what_was_seen():

@@ -29,6 +29,16 @@ def thickness_at(mesh: TriangleMesh, places: FloatArray) -> FloatArray:
     return np.where((hit >= 0) & np.isfinite(t), t + step, np.nan)
 
 
+def face_thickness(mesh: TriangleMesh) -> FloatArray:
+    """(m,) way through the material from the middle of each face along its inward normal; nan where no other face is met."""
+    if not len(mesh.faces):
+        return np.zeros(0)
+    inward = -face_normals(mesh)
+    step = 1e-7 * extent(mesh.vertices)
+    t, hit = first_hits(scene_of(mesh), mesh.vertices[mesh.faces].mean(axis=1) + step * inward, inward)
+    return np.where((hit >= 0) & np.isfinite(t), t + step, np.nan)
+
+
 def wall_thickness(mesh: TriangleMesh, seed: int = 0, n: int = SAMPLES) -> FloatArray:
     """(k,) thickness at seeded places; k <= n, rays that leave through an edge are dropped."""
     if not len(mesh.faces):

@@ -26,6 +26,7 @@ DRAWN_POINTS = 150_000  # more cannot be told apart in a picture of this size
 SMALL_FACE = 0.005  # share of the area below which a CAD face gets no colour of its own
 LISTED_FACES = 12
 DATA_CONTRAST = 0.4  # of light and shade where colours mean figures
+PIN_SHARE, PIN_ROUNDS = 0.075, 60  # of the width of the scene: the size of a pin on a phone
 DISC_SPACINGS = 0.75  # radius of a point in spacings: neighbours just touch, a surface looks closed
 
 
@@ -186,11 +187,34 @@ def scene_figure(scene: PointCloud | None, objects: Sequence[PointCloud | None],
     for k, points in clouds.items():
         x, y = np.median(camera.project(points)[:, :2], axis=0)
         pins[k] = (float(np.clip(x / camera.width_px, 0.02, 0.98)), float(np.clip(y / camera.height_px, 0.03, 0.97)))
+    pins = apart(pins, camera.height_px / camera.width_px)
     items = [(css(CATEGORIES[0]), "objects, each with its number", False)] if pins else []
     items += [(css(BACKDROP), "support and surroundings", False)] if len(around) else []
     n_points = len(scene) if scene is not None else len(everything)
     alt = f"The scene of {n_points:,} points with {len(pins)} numbered objects."
     return drawn("The scene", alt, "Press a number to go to the object.", camera, picture, swatches(items)), pins
+
+
+def apart(pins: Pins, shape: float) -> dict[int, tuple[float, float]]:
+    """Pins moved until none covers another: (left, top) as shares of a picture that is `shape` times as high as wide.
+
+    Each pair that is too close moves apart along the line between them, to the sides where there is none; what is crowded stays crowded.
+    """
+    names = list(pins)
+    at = np.array([pins[k] for k in names], float).reshape(-1, 2) * np.array([1.0, shape])
+    for _ in range(PIN_ROUNDS):
+        gap = at[:, None] - at[None]
+        far = np.linalg.norm(gap, axis=2)
+        close = np.triu((far < PIN_SHARE) & ~np.eye(len(at), dtype=bool))
+        if not close.any():
+            break
+        for i, j in np.argwhere(close):
+            way = gap[i, j] / far[i, j] if far[i, j] > 1e-9 else np.array([-1.0, 0.0])
+            step = 0.5 * (PIN_SHARE - far[i, j]) + 1e-6
+            at[i] += step * way
+            at[j] -= step * way
+        at = np.clip(at, [0.02, 0.03 * shape], [0.98, 0.97 * shape])
+    return {k: (float(x), float(y / shape)) for k, (x, y) in zip(names, at, strict=True)}
 
 
 def _some(cloud: PointCloud, at_most: int) -> FloatArray:

@@ -1,4 +1,4 @@
-"""The words of the page, one line each."""
+"""The words of the page, one line each; where docs/ says more, the page of it is named."""
 
 GLOSSARY: tuple[tuple[str, str], ...] = (
     ("converted", "every check passed: closed surface, CAD solid, mesh and solved model describe the same shape, and the points lie on it."),
@@ -30,3 +30,18 @@ GLOSSARY: tuple[tuple[str, str], ...] = (
     ("C3D10, TET10", "tetrahedron with ten nodes and quadratic displacements."),
     ("mode", "shape in which the free body swings at one frequency; six modes at 0 Hz are its rigid motions."),
 )
+
+# word -> page of docs/ (the site has it as .html)
+MORE: dict[str, str] = {
+    "converted": "report",
+    "invented": "report",
+    "observable": "estimation",
+    "CRB": "simulation",
+    "Q1": "meshing",
+    "dihedral angle": "meshing",
+    "C3D10, TET10": "fea",
+    "mode": "fea",
+    "spacing": "sensors",
+    "deviation": "report",
+    "\u03c3 (sigma)": "sensors",
+}

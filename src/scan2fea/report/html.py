@@ -16,7 +16,7 @@ from scan2fea.kernel.threads import in_threads
 from scan2fea.report.charts import swatches
 from scan2fea.report.colours import BACKDROP, categories, css
 from scan2fea.report.figures import scene_figure
-from scan2fea.report.glossary import GLOSSARY
+from scan2fea.report.glossary import GLOSSARY, MORE
 from scan2fea.report.markup import NOTHING, Html, figure_cell, joined, link, table, tag
 from scan2fea.report.parts import TABLE_FILES, anchor, badge, downloads, facts, picture
 from scan2fea.report.saved import Saved
@@ -45,6 +45,7 @@ PICTURE_PX = 700
 FULL_SIZE_OBJECTS = 20  # above this the pictures shrink, so that the page stays within what a phone opens
 STAGE_ROWS = 60
 SEGMENT_ROWS = 60
+LISTED_INPUTS = 4  # more push the picture of the scene off the first page
 UNIT_SOURCES = {"format": "stated by the file", "option": "given by the user", "assumed": "ASSUMED"}
 # nothing is fetched and nothing runs, whatever a file name holds
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
@@ -100,7 +101,7 @@ def _top(report: Mapping[str, Any]) -> Html:
         "header",
         tag("p", "scan2fea report", class_="kicker"),
         tag("h1", headline(report)),
-        _inputs(report.get("inputs") or []),
+        _came_in(report.get("inputs") or []),
         told,
         tag("p", tag("b", "How to repeat: "), tag("code", shlex.join(command))) if command else NOTHING,
         *(tag("p", text, class_="note") for text in report.get("warnings") or []),
@@ -116,12 +117,28 @@ def _scene_facts(report: Mapping[str, Any]) -> list[tuple[str, object]]:
     return rows
 
 
+def _came_in(inputs: Sequence[Mapping[str, Any]]) -> Html:
+    """A row for each input; of many one sentence and those that were left out, the rest stands in "How it was done"."""
+    if len(inputs) <= LISTED_INPUTS:
+        return _inputs(inputs)
+    names = [str(row.get("path")).replace("\\", "/").rpartition("/")[2] for row in inputs]
+    units = ", ".join(dict.fromkeys(_unit(row) for row in inputs if row.get("used")))
+    sensors = ", ".join(dict.fromkeys(str(row.get("sensor") or NOT_KNOWN) for row in inputs if row.get("used")))
+    points = count(sum(int(row.get("n_points") or 0) for row in inputs))
+    dates = ", ".join(dict.fromkeys(str(row["date"]) for row in inputs if row.get("date"))) or "not stated"
+    told = f"{count(len(inputs))} inputs, {names[0]} to {names[-1]}: {points} points, unit {units}, sensor position {sensors}, date of data {dates}."
+    return joined((tag("p", told), _inputs([row for row in inputs if not row.get("used")][:STAGE_ROWS])))
+
+
+def _unit(row: Mapping[str, Any]) -> str:
+    return f"{row['unit']} ({UNIT_SOURCES.get(str(row.get('unit_source')), 'source not recorded')})" if row.get("unit") else NOT_KNOWN
+
+
 def _inputs(inputs: Sequence[Mapping[str, Any]]) -> Html:
     rows = []
     for row in inputs:
-        unit = f"{row['unit']} ({UNIT_SOURCES.get(str(row.get('unit_source')), 'source not recorded')})" if row.get("unit") else "\u2013"
         used = "yes" if row.get("used") else f"no: {row.get('reason') or 'no reason given'}"
-        cells = (figure_cell(count(row.get("n_points")), "points"), unit, row.get("sensor") or "\u2013", row.get("date") or "not stated", used)
+        cells = (figure_cell(count(row.get("n_points")), "points"), _unit(row), row.get("sensor") or "\u2013", row.get("date") or "not stated", used)
         folder, _, name = str(row.get("path")).replace("\\", "/").rpartition("/")
         rows.append([tag("span", tag("b", name, class_="path"), tag("span", f" in {folder}", class_="folder") if folder else NOTHING), *cells])
     return table(("input", "points", "unit", "sensor position", "date of the data", "used"), rows, class_="inputs") if rows else NOTHING
@@ -174,7 +191,7 @@ def _kind(item: Mapping[str, Any], place: int) -> Html:
     """The colour of the object in the picture of the scene, and what it is; how sure that is where it is a guess."""
     guess = item.get("guess") or {}
     told = str(item.get("kind") or "object")
-    if not item.get("member") and guess.get("confidence") is not None:
+    if not item.get("member") and guess.get("confidence") is not None and guess.get("kind") == item.get("kind"):
         told += f" ({percent(guess['confidence'])})"
     return swatches([(css(categories(np.array([place]))[0]), told, False)])
 
@@ -203,7 +220,10 @@ def _method(saved: Saved) -> Html:
     """Stages with counts, seconds and memory; options that were changed; what was assumed."""
     report = saved.report
     names = {str(row.get("id")): number_of(row) for row in report.get("objects") or []}
-    parts: list[Html] = [tag("h2", "How it was done"), _stages(report.get("stages") or [], names)]
+    parts: list[Html] = [tag("h2", "How it was done")]
+    if len(report.get("inputs") or []) > LISTED_INPUTS:
+        parts.append(joined((tag("h3", "What came in"), _inputs(report["inputs"]))))
+    parts.append(_stages(report.get("stages") or [], names))
     changed = report.get("options_changed") or {}
     if changed:
         rows = [[tag("code", key), _value(row.get("value")), _value(row.get("default"))] for key, row in changed.items() if isinstance(row, Mapping)]
@@ -259,9 +279,14 @@ def _value(value: Any) -> str:
     return "from the data" if value is None else ", ".join(str(part) for part in value) if isinstance(value, list) else str(value)
 
 
+def _more(word: str) -> Html:
+    """The page of the documentation that goes further; the report fetches nothing, so it is named, not linked."""
+    return tag("span", f" (docs/{MORE[word]}.md)", class_="more") if word in MORE else NOTHING
+
+
 def _glossary() -> Html:
     return tag(
         "section",
         tag("h2", "Glossary"),
-        tag("dl", *(tag("div", tag("dt", word), tag("dd", meaning)) for word, meaning in GLOSSARY), class_="glossary"),
+        tag("dl", *(tag("div", tag("dt", word), tag("dd", meaning, _more(word))) for word, meaning in GLOSSARY), class_="glossary"),
     )

@@ -9,6 +9,7 @@ import numpy as np
 
 from scan2fea.errors import Scan2FeaError
 from scan2fea.kernel.sections import section as section_of
+from scan2fea.report.axis import axis_drawing
 from scan2fea.report.charts import FAINT, TEXT, swatches
 from scan2fea.report.markup import NOTHING, Html, figure_cell, joined, table, tag
 from scan2fea.report.parts import facts, section
@@ -29,6 +30,7 @@ SOURCES = {
     "catalogue": "not observable: from the catalogue",
     "estimate": "not observable: an estimate that the points cannot vouch for",
 }
+WALLS = ("t", "tw", "tf")
 SIDES: Mapping[str, tuple[str, str]] = {"L": ("a", "b"), "rect": ("b", "t"), "CHS": ("d", ""), "round": ("d", "")}  # written below and beside
 
 
@@ -41,6 +43,7 @@ def member_section(item: Row) -> Html:
         f"Member {member.get('family', '')}",
         _dimensions(member),
         section_drawing(member),
+        axis_drawing(member),
         _facts(member),
         _given(_rows(member.get("given"))),
         _catalogue(_rows(member.get("catalogue"))),
@@ -100,7 +103,8 @@ def _error_bar(std: float | None, widest: float) -> Html:
 
 def section_drawing(member: Row) -> Html:
     """The section to scale, each face in the colour of whether it was seen; nothing where the record has no sound section."""
-    values = {name: float(row["value_m"]) for name, row in _parameters(member).items()}
+    parameters = _parameters(member)
+    values = {name: float(row["value_m"]) for name, row in parameters.items()}
     try:
         shape = section_of(str(member.get("family")), values)
     except Scan2FeaError:
@@ -120,11 +124,19 @@ def section_drawing(member: Row) -> Html:
     below, beside = SIDES.get(shape.family, ("b", "h"))
     middle = (MARGIN + wide / 2, MARGIN / 2 + high / 2)
     if below in values:
-        parts.append(tag("text", _labelled(below, values), x=f"{middle[0]:.1f}", y=f"{MARGIN / 2 + high + 22:.1f}", text_anchor="middle", fill=TEXT))
+        low_y = f"{MARGIN / 2 + high + 22:.1f}"
+        parts.append(tag("text", _labelled(below, parameters), x=f"{middle[0]:.1f}", y=low_y, text_anchor="middle", fill=TEXT))
     if beside in values:
         turned = f"rotate(-90 18 {middle[1]:.1f})"
-        parts.append(tag("text", _labelled(beside, values), x=18, y=f"{middle[1]:.1f}", text_anchor="middle", fill=TEXT, transform=turned))
+        parts.append(tag("text", _labelled(beside, parameters), x=18, y=f"{middle[1]:.1f}", text_anchor="middle", fill=TEXT, transform=turned))
+    walls = [name for name in values if name not in (below, beside, "length") and name in WALLS]
+    written = [_labelled(name, parameters) for name in walls]
+    parts += [
+        tag("text", text, x=f"{middle[0]:.1f}", y=f"{MARGIN / 2 + high + 22 + 15 * (k + 1):.0f}", text_anchor="middle", fill=_ink(parameters[name]))
+        for k, (name, text) in enumerate(zip(walls, written, strict=True))
+    ]
     told = _seen_in_words(shape, seen)
+    high += 15 * len(walls)
     box = f"0 0 {DRAWN + 2 * MARGIN} {high + 1.2 * MARGIN:.0f}"  # as wide for all sections: text then has one size
     drawing = tag(
         "svg", tag("title", f"Section {shape.family}. {told}"), *parts, viewBox=box, role="img", font_size="12", font_family="system-ui, sans-serif"
@@ -159,8 +171,17 @@ def _faces(points: FloatArray, names: Sequence[str], seen: Mapping[str, float]) 
     return lines
 
 
-def _labelled(name: str, values: Mapping[str, float]) -> str:
-    return f"{name} = {number(values[name] * MILLIMETRES_PER_METRE)} mm"
+def _labelled(name: str, parameters: Mapping[str, Row]) -> str:
+    """`a = 127.2 ± 0.4 mm`; of a dimension that the points do not tell, where it comes from."""
+    row = parameters[name]
+    value, std, is_seen = float(row["value_m"]) * MILLIMETRES_PER_METRE, row.get("std_m"), bool(row.get("observable", True))
+    if is_number(std) and is_seen:
+        return f"{name} = {with_deviation(value, float(std) * MILLIMETRES_PER_METRE)} mm"
+    return f"{name} = {number(value)} mm" + ("" if is_seen else " (not observable)")
+
+
+def _ink(row: Row) -> str:
+    return TEXT if row.get("observable", True) else UNSEEN
 
 
 def _seen_in_words(shape: Section, seen: Mapping[str, float]) -> str:
@@ -224,13 +245,20 @@ def _given(entries: Sequence[Row]) -> Html:
 
 def _catalogue(entries: Sequence[Row]) -> Html:
     """What the table of standard sections says; the rows that speak against it are among them."""
-    rows = [[str(row.get("name")), figure_cell(percent(_share(row)), "probability")] for row in entries[:LISTED]]
+    rows = [[str(row.get("name")), _share_bar(_share(row)), figure_cell(percent(_share(row)), "probability")] for row in entries[:LISTED]]
     if not rows:
         return NOTHING
     rest = sum(_share(row) for row in entries[LISTED:])
     more = tag("p", f"{len(entries) - LISTED} more hold {percent(rest)}.") if len(entries) > LISTED else NOTHING
     note = tag("p", "No dimension is snapped to a standard size.")
-    return joined((tag("h4", "Catalogue"), table(("section", "probability"), rows, class_="narrow"), more, note))
+    return joined((tag("h4", "Catalogue"), table(("section", "", "probability"), rows), more, note))
+
+
+def _share_bar(share: float) -> Html:
+    """A probability as a bar; the whole width is 1."""
+    rect = tag("rect", x=0, y=3, width=f"{max(BAR * min(max(share, 0.0), 1.0), 0.8):.1f}", height=8, fill=SEEN)
+    frame = tag("rect", x=0.5, y=2.5, width=BAR - 1, height=9, fill="none", stroke=FAINT)
+    return tag("svg", tag("title", f"probability {percent(share)}"), rect, frame, viewBox=f"0 0 {BAR} 14", width=BAR, height=14, role="img")
 
 
 def _share(row: Row) -> float:

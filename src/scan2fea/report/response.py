@@ -15,18 +15,27 @@ from scan2fea.report.markup import NOTHING, Html, figure_cell, table, tag
 from scan2fea.report.parts import section
 from scan2fea.report.render import Shape, render
 from scan2fea.report.solids import WORST_COLOUR, Solid
-from scan2fea.report.words import PAGE_UNITS, check_name, count, is_number, measure_name, number, percent, quantity, with_deviation
+from scan2fea.report.words import NOT_KNOWN, PAGE_UNITS, check_name, count, is_number, measure_name, number, percent, quantity, with_deviation
 from scan2fea.units import MILLIMETRES_PER_METRE
+from scan2fea.verification.response import MEMBER_CHECKS
 
 Row = Mapping[str, Any]
 QUANTILE = 0.99  # of the nodes away from singular places: the end of the scale
 LISTED_SETS = 40
+# check, cases, measures: the check whose limit their relative error has to keep
+JUDGED = (
+    ("response.weight", ("self_weight",), ("reaction_n",)),
+    ("response.energy", ("self_weight",), ("strain_energy_j",)),
+    ("response.rigid_modes", ("modal",), ("rigid_max_hz",)),
+    *MEMBER_CHECKS,
+)
 
 
 def response_section(item: Row) -> Html:
     """The load cases: what was computed and how far it is known, what was expected, by how much they differ."""
     fea = item.get("fea") or {}
-    rows = [_case_row(case) for case in fea.get("cases") or []]
+    limits = {str(check.get("name")): check.get("limit") for check in item.get("checks") or []}
+    rows = [_case_row(case, limits) for case in fea.get("cases") or []]
     frequencies = [f"{number(f)} Hz" for f in fea.get("frequencies_hz") or [] if is_number(f)][:6]
     modes = tag("p", f"Elastic frequencies of the free body: {', '.join(frequencies)}.") if frequencies else NOTHING
     told = tag("p", f"Solved by: {fea['solver']}; {count(fea.get('dof'))} unknowns.") if fea.get("solver") else NOTHING
@@ -34,18 +43,30 @@ def response_section(item: Row) -> Html:
     missing = tag("div", tag("b", "Cases without a result"), tag("ul", *failed), class_="note") if failed else NOTHING
     if not rows:
         return missing
-    answers = table(("load case: measure", "value", "expected", "error"), rows)
+    answers = table(("load case: measure", "value", "expected", "error", "verdict"), rows)
     return section("Response", _sentence(item), missing, answers, modes, told, _singular(fea), _sets(fea))
 
 
-def _case_row(case: Row) -> list[Any]:
+def _case_row(case: Row, limits: Row) -> list[Any]:
+    """limits : of the checks of the object, by name: the verdict is theirs; a case that no check looks at has none."""
     unit = str(case.get("unit") or "")
     return [
         f"{check_name(case.get('name'))}: {measure_name(case.get('measure'))}",
         figure_cell(_with_std(case), "value"),
         figure_cell(quantity(case.get("expected"), unit), "expected"),
         figure_cell(percent(case.get("relative_error")), "error"),
+        _verdict(case, limits),
     ]
+
+
+def _verdict(case: Row, limits: Row) -> Html | str:
+    name, measure, error = str(case.get("name")), str(case.get("measure")), case.get("relative_error")
+    limit = next((limits.get(check) for check, cases, measures in JUDGED if name in cases and measure in measures), None)
+    if not is_number(error) or not is_number(limit):
+        return NOT_KNOWN
+    good = error <= limit
+    sign, relation = ("\u2713", "\u2264") if good else ("\u2717", ">")
+    return tag("span", f"{sign} {relation} {percent(limit)}", class_="good" if good else "bad")
 
 
 def _with_std(case: Row) -> str:

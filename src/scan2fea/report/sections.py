@@ -14,6 +14,7 @@ from scan2fea.report.parts import anchor, badge, downloads, facts, mark, picture
 from scan2fea.report.response import response_section, stress_figure
 from scan2fea.report.saved import Geometry
 from scan2fea.report.solids import Solid, cut_figure, displacement_figure, mode_figure, quality_charts, worst_elements, worst_figure
+from scan2fea.report.thickness import thickness_figure
 from scan2fea.report.words import (
     check_name,
     count,
@@ -67,7 +68,8 @@ def _pictures(item: Item, made: Geometry, width_px: int) -> tuple[list[Html], li
     charts: list[Html] = []
     if surface is not None and len(surface.faces):
         known = [origin_figure(surface, camera), deviation_figure(surface, camera, item.get("noise_m"))]
-        found = [*(known if any(known) else [plain_figure(surface, camera)]), regions_figure(surface, camera, item.get("cad") or {})]
+        wall = [thickness_figure(surface, camera, _sigma(item))] if (item.get("surface") or {}).get("closed") else []
+        found = [*(known if any(known) else [plain_figure(surface, camera)]), *wall, regions_figure(surface, camera, item.get("cad") or {})]
         figures += [figure for figure in found if figure is not None]
         charts += [figure.chart for figure in figures if figure.chart]
     if solid is not None and len(solid.tets):
@@ -77,6 +79,12 @@ def _pictures(item: Item, made: Geometry, width_px: int) -> tuple[list[Html], li
         figures += [figure for figure in drawn if figure is not None]
         charts += quality_charts(solid)
     return [picture(figure) for figure in figures], charts
+
+
+def _sigma(item: Item) -> float | None:
+    """Noise of the object's points: of its surface, else of its member."""
+    told = item.get("noise_m") or (((item.get("member") or {}).get("residual")) or {}).get("sigma_m")
+    return float(told) if is_number(told) else None
 
 
 def _what_to_do(item: Item) -> Html:

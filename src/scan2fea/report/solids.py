@@ -112,7 +112,9 @@ def displacement_figure(solid: Solid, camera: Camera) -> Figure | None:
     legend = colour_bar(gradient(VIRIDIS), "0", "", f"{top} mm", "Displacement under its own weight")
     caption = f"Drawn with the displacement enlarged {number(factor)} times."
     alt = f"Warped shape under its own weight, largest displacement {top} mm, drawn {number(factor)} times larger."
-    return drawn("Self weight", alt, caption, camera, render(camera, (_warped(solid, moved * factor, size / largest),)), legend)
+    warped = _warped(solid, moved * factor, size / largest)
+    view = _holding(warped, camera)
+    return drawn("Self weight", alt, caption, view, render(view, (warped,)), legend)
 
 
 def mode_figure(solid: Solid, camera: Camera, k: int, frequency_hz: float | None) -> Figure | None:
@@ -128,14 +130,9 @@ def mode_figure(solid: Solid, camera: Camera, k: int, frequency_hz: float | None
     told = f"Mode {k}" + (f", {number(frequency_hz)} Hz" if frequency_hz is not None else "")
     legend = colour_bar(gradient(VIRIDIS), "0 (still)", "", "1 (moves most)", "Relative amplitude")
     warped = _warped(solid, shape * (WARP * _extent(solid.nodes) / largest), size / largest)
-    return drawn(
-        told,
-        f"{told}: warped shape of the free body.",
-        "Free in space; the amplitude of a mode has no unit.",
-        camera,
-        render(camera, (warped,)),
-        legend,
-    )
+    view = _holding(warped, camera)
+    caption = "Free in space; the amplitude of a mode has no unit."
+    return drawn(told, f"{told}: warped shape of the free body.", caption, view, render(view, (warped,)), legend)
 
 
 def quality_charts(solid: Solid) -> tuple[Html, Html]:
@@ -208,6 +205,16 @@ def _vectors(solid: Solid, name: str) -> FloatArray | None:
 def _warped(solid: Solid, shift: FloatArray, share: FloatArray) -> Shape:
     faces, _ = solid.boundary()
     return Shape(vertices=solid.nodes + shift, faces=faces, colours=viridis(share), per_vertex=True, contrast=DATA_CONTRAST)
+
+
+def _holding(warped: Shape, camera: Camera) -> Camera:
+    """The same view, drawn back where the warped shape would leave the picture."""
+    at = camera.project(warped.vertices[np.unique(warped.faces)])
+    inside = (at[:, 0] >= 0) & (at[:, 0] <= camera.width_px) & (at[:, 1] >= 0) & (at[:, 1] <= camera.height_px)
+    if inside.all():
+        return camera
+    tallest = round(0.64 * camera.width_px)
+    return framed(warped.vertices, camera.axes, camera.width_px, max(tallest, camera.height_px), least_height_px=camera.height_px)
 
 
 def _extent(nodes: FloatArray) -> float:

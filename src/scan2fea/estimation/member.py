@@ -27,13 +27,13 @@ from scan2fea.estimation.likelihood import hull_area
 from scan2fea.estimation.observability import KERNEL_SPREAD, RESOLVED
 from scan2fea.estimation.prismatic import is_prismatic
 from scan2fea.estimation.swept import Sweep, sweep_of
-from scan2fea.estimation.systematic import face_error, thinned_spacing, widened
+from scan2fea.estimation.systematic import even_spacing, face_error, thinned_spacing, widened
 from scan2fea.estimation.two_sided import blended
 from scan2fea.estimation.with_rays import needs_rays, refined, sensor_inside
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.noise_kernels import KERNELS
 from scan2fea.kernel.pinned import SEEN, pinned
-from scan2fea.kernel.section_likelihood import face_lengths
+from scan2fea.kernel.section_likelihood import face_lengths, faces
 from scan2fea.kernel.sections import PARAMETERS, ROUND, section, section_area
 from scan2fea.options import option
 from scan2fea.types import BoolArray, FloatArray, Member, Parameter, Scan, Value
@@ -193,7 +193,9 @@ def _swept(points: FloatArray, axes: tuple[Axis, ...], options: MemberOptions, f
     told = explanation(points, member, fit.sigma_m, options.seed)
     member = dataclasses.replace(member, seen=_seen(fit, told))
     off_m = face_error(told.pattern_m, told.p_value, fit.sigma_m)
-    member = widened(member, thinned_spacing(points, options.seed), (ends.low.cap_points, ends.high.cap_points), off_m)
+    area = (high - low) * float(face_lengths(fit.family, fit.values) @ np.array([member.seen[name] >= SEEN for name in faces(fit.family)]))
+    pitch = max(thinned_spacing(points, options.seed), even_spacing(sweep.coordinates(points)[:, 2], (0.0, high - low), fit.sigma_m, area))
+    member = widened(member, pitch, (ends.low.cap_points, ends.high.cap_points), off_m)
     member, untold = _honest(points, member, options)
     return MemberFit(
         member=member,

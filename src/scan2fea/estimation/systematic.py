@@ -4,8 +4,9 @@ Clouds that were thinned, or sampled on a grid: their edges are known to a part 
 
 The likelihood takes points for drawn at random. Then the edge of a face that was sampled with rho points per metre is known to 1 / rho at worst.
 Points that keep a distance from each other (thinned by a voxel grid or a least distance, a regular raster) do not come closer to an edge with their
-number: their last row lies somewhere within a spacing of it, and where exactly, the same cause may have decided for the whole edge. Noise
-wider than half a spacing hides the rows from the nearest neighbour, not from the sums: counts along the member still scatter less than those of points at random.
+number: their last row lies somewhere within a spacing of it, and where exactly, the same cause may have decided for the whole edge. Noise wider than
+half a spacing hides the rows from the nearest neighbour, not from the sums: counts along the member still scatter less than those of points at
+random.
 
 Real scans do not agree to their noise: stations, incidence and paint move whole patches of a face. The cells of `explain.py` show by how much the
 surface as scanned departs from the member beyond noise; each face may be off by as much, and with it what is measured between two faces.

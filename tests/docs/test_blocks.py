@@ -78,6 +78,14 @@ def test_python_runs(block, tmp_path, monkeypatch):
     exec(compile(block.text, block.page, "exec"), {"__name__": "docs"})
 
 
+def test_every_command_of_the_contract_is_there_and_the_readme_shows_every_command():
+    contract = (ROOT / "docs" / "design.md").read_text(encoding="utf-8").split("## The contract")[1].split("Short forms")[0]
+    alone = re.search(r"one stage alone: ([a-z |]+)", contract)[1].split("|")
+    assert {line.split()[1] for page, line in LINES if page == "docs/design.md"} | {name.strip() for name in alone} <= set(SUB)
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert [name for name in SUB if f"scan2fea {name}" not in readme] == []
+
+
 def test_there_is_something_to_test():
     assert len(LINES) > 25 and len(SPOKEN) > 10 and any(b.language == "toml" for b in BLOCKS)
 

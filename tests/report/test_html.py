@@ -231,7 +231,7 @@ def test_members_show_what_was_not_observed(tmp_path):
         "damage": [],
     }
     words = Reader(render_page(saved(tmp_path, report))).text()
-    assert "127.2 \u00b1 0.4 mm" in words and "not observable: from the catalogue" in words and "Built with t from the catalogue" in words
+    assert "127.2 \u00b1 0.4 mm" in words and "not observable: from the catalogue" in words and "Built with t from a catalogue" in words
     assert "71 %" in words
 
 

@@ -64,6 +64,8 @@ def convert(part: Part, key: str, config: Config, record: Record, folder: Path) 
 
 
 def _chain(made: Made, source: Tracked[Part], config: Config, record: Record) -> None:
+    if source.value.smeared:
+        raise StageError(source.value.smeared)
     has_points = source.value.mesh is None
     made.checks += spacing_checks(source.value.scan.cloud, config.require) if has_points else []
     if any(not check.passed for check in made.checks):

@@ -15,12 +15,18 @@ from scan2fea.types import BoolArray, Brep, Check, FEModel, FEResult, FloatArray
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Part(Value):
-    """One object of the scene. `mesh` is given where the input had faces: then it enters at repair and `scan` holds its vertices."""
+    """One object of the scene. `mesh` is given where the input had faces: then it enters at repair and `scan` holds its vertices.
+
+    between_frames_m : how far points of one frame may lie off those of another (`pose_doubt.between_frames`).   smeared : why a scanner's motion is
+    in its points, "" where it is not.
+    """
 
     id: int
     kind: str
     scan: Scan
     mesh: TriangleMesh | None = None
+    between_frames_m: float = 0.0
+    smeared: str = ""
 
     @property
     def contact(self) -> BoolArray:

@@ -35,7 +35,7 @@ class MeshInput(Value):
 class Scene(Value):
     """All inputs in one frame. shift_m : (3,), every coordinate is input minus this, `trajectory` too.   agreement_m : (k,) median distance of each
     input to the others where they overlap, nan where they do not.   is_occluder : (n,) points that stand in the way of others, or None.
-    paths : of scanners that moved while they scanned, in the frame of OUT.
+    paths : of scanners that moved while they scanned, in the frame of OUT.   smeared : per input, why its scanner's motion is in its points, or "".
     continues : (n,) of a point that nobody measured, a measured one whose surface it continues; -1 of measured ones; or None.
     """
 
@@ -54,6 +54,7 @@ class Scene(Value):
     is_occluder: BoolArray | None = None
     continues: IntArray | None = None
     paths: tuple[SweepPath, ...] = ()
+    smeared: tuple[str, ...] = ()
 
     @property
     def is_filled(self) -> BoolArray:
@@ -76,7 +77,7 @@ def place_all(raws: tuple[RawScan, ...], options: RegistrationOptions, *, names:
     motion : of the scanner of the only input, a capture of many turns; told by other sensors (`--imu`). Raises InputError for a file of poses that
     cannot be read or names none of the inputs, and for a motion of inputs that have none.
     """
-    raws, paths, poses = _unrolled(raws, options, names, motion)
+    raws, paths, smeared, poses = _unrolled(raws, options, names, motion)
     own, fixed = [raw.pose_given for raw in raws], [raw.mesh is not None for raw in raws]
     placed = place([raw.scan for raw in raws], poses, list(names), options, is_placed=own, is_fixed=fixed)
     shift = shift_of(placed.scan.cloud.points)
@@ -101,14 +102,15 @@ def place_all(raws: tuple[RawScan, ...], options: RegistrationOptions, *, names:
         links=placed.links,
         notes=notes,
         names=tuple(names),
+        smeared=smeared,
         paths=tuple(replace(path, T_frame_knot=_poses_in(path, placed.trajectory, shift)) for path in paths if placed.trajectory.placed[path.frame]),
     )
 
 
 def _unrolled(
     raws: tuple[RawScan, ...], options: RegistrationOptions, names: Sequence[str], motion: Trajectory | None
-) -> tuple[tuple[RawScan, ...], list[SweepPath], Sequence[FloatArray | None]]:
-    """The inputs without motion within them, how their scanners moved, and the pose that `registration.poses` gives each."""
+) -> tuple[tuple[RawScan, ...], list[SweepPath], tuple[str, ...], Sequence[FloatArray | None]]:
+    """The inputs without motion within them, how their scanners moved or why that is not known, and the pose that `registration.poses` gives each."""
     calibration = Path(options.calibration) if options.calibration else None
     is_capture = len(raws) == 1 and raws[0].sweep is not None
     says = "--imu tells the motion of a scanner: it needs one capture of many turns whose shots have times (.pcap), alone"
@@ -118,7 +120,8 @@ def _unrolled(
     poses: Sequence[FloatArray | None] = [raw.T_world_frame for raw in raws]
     if options.poses or motion is not None:
         poses = [np.eye(4)] if given is not None else read_poses(Path(options.poses), list(names), calibration)
-    return tuple(raw for raw, _ in made), [path for _, path in made if path is not None], poses
+    paths = [path for _, path, _ in made if path is not None]
+    return tuple(raw for raw, _, _ in made), paths, tuple(why for _, _, why in made), poses
 
 
 def _poses_in(path: SweepPath, trajectory: Trajectory, shift: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from scan2fea.io import RawScan
 from scan2fea.kernel.trajectories import between
-from scan2fea.registration import Odometry, RegistrationOptions, Sweeps, at_times, moved, odometry
+from scan2fea.registration import VISIBLE, Odometry, RegistrationOptions, Sweeps, at_times, moved, odometry
 from scan2fea.types import FloatArray, IntArray, Rays, Scan, Trajectory, Value
 
 HOUR_S = 3600.0  # the clock of a Velodyne unit begins again
@@ -30,16 +30,20 @@ class SweepPath(Value):
     std_rad: FloatArray
 
 
-def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Trajectory | None) -> tuple[RawScan, SweepPath | None]:
-    """The input with its motion taken out, and the way of its scanner; itself and None where it is one turn, has no times, or is to stay as it lies.
+Unrolled = tuple[RawScan, SweepPath | None, str]
+
+
+def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Trajectory | None) -> Unrolled:
+    """The input with its motion taken out, the way of its scanner, and ""; itself and None where it is one turn, has no times, or is to stay as it
+    lies. Where a motion was searched, is there and was not found: itself, None and why nothing can be made of its points.
 
     given : a timed trajectory of this scanner. Raises InputError where its times are of another scan.
     """
     rays = raw.scan.rays
     if raw.sweep is None or rays is None or rays.time_s is None or bool((raw.scan.cloud.ray < 0).any()):
-        return raw, None
+        return raw, None, ""
     if given is None and options.sweeps != "odometry":
-        return raw, None
+        return raw, None, ""
     time = unwrapped(rays.time_s[raw.scan.cloud.ray])
     if given is not None and given.time_s is not None:
         time = time + HOUR_S * round((float(given.time_s[0]) - float(time.min())) / HOUR_S)
@@ -47,9 +51,9 @@ def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Traj
         std_m, std_rad = _std(given)
         path = SweepPath(frame=frame, time_s=given.time_s, T_frame_knot=given.T_world_frame, std_m=std_m, std_rad=std_rad)
         told = "registration.poses" if given.covariance is None else "the inertial unit and the logs beside it"
-        return replace(_moved(raw, path, first, share, f"its motion was taken out by the trajectory of {told}"), pose_given=True), path
+        return replace(_moved(raw, path, first, share, f"its motion was taken out by the trajectory of {told}"), pose_given=True), path, ""
     period = period_of(time, raw.sweep)
-    return _by_odometry(raw, rays, frame, time, period) if period > 0 else (raw, None)
+    return _by_odometry(raw, rays, frame, time, period) if period > 0 else (raw, None, "")
 
 
 def cut_in_sweeps(points: FloatArray, rays: Rays, time_s: FloatArray, period_s: float) -> tuple[Sweeps, float]:
@@ -63,16 +67,18 @@ def cut_in_sweeps(points: FloatArray, rays: Rays, time_s: FloatArray, period_s: 
     return Sweeps(points=points[order], sweep=sweep, share=share, period_s=period_s, gap_rad=_gap(rays)), begun
 
 
-def _by_odometry(raw: RawScan, rays: Rays, frame: int, time: FloatArray, period: float) -> tuple[RawScan, SweepPath | None]:
+def _by_odometry(raw: RawScan, rays: Rays, frame: int, time: FloatArray, period: float) -> Unrolled:
     """The input with the motion taken out that its sweeps tell; as it lies, with the reason, where they tell none that can be believed."""
     sweeps, begun = cut_in_sweeps(raw.scan.cloud.points, rays, time, period)
     found = odometry(sweeps, range_noise(rays, raw.scan.cloud.ray, time))
     if not found.is_sure:
-        return replace(raw, notes=(*raw.notes, f"{_why_not(found)}: it stays as it lies; give its motion with --poses")), None
+        why = _why_not(found)
+        smeared = f"{why}, and it moved ({found.changed:.0%} of its beams end elsewhere): give it with --poses" if found.changed > VISIBLE else ""
+        return replace(raw, notes=(*raw.notes, f"{why}: it stays as it lies; give its motion with --poses")), None, smeared
     if found.stands:
         reach = float(np.linalg.norm(found.T_world_knot[:, :3, 3], axis=1).max())
         says = f"its scanner stood still: {len(sweeps)} sweeps were taken for one (they move by at most {reach:.2g} m, which is no more than chance)"
-        return replace(raw, notes=(*_without_turns(raw), says)), None
+        return replace(raw, notes=(*_without_turns(raw), says)), None, ""
     knots = np.asarray(begun + period * np.arange(len(found.T_world_knot)), np.float64)
     path = SweepPath(frame=frame, time_s=knots, T_frame_knot=found.T_world_knot, std_m=found.std_m, std_rad=found.std_rad)
     far = float(np.linalg.norm(found.T_world_knot[-1, :3, 3]))
@@ -83,7 +89,7 @@ def _by_odometry(raw: RawScan, rays: Rays, frame: int, time: FloatArray, period:
     )
     at = (time - begun) / period
     first = np.floor(at).astype(np.int64)
-    return _moved(raw, path, first, at - first, says), path
+    return _moved(raw, path, first, at - first, says), path, ""
 
 
 def _why_not(found: Odometry) -> str:

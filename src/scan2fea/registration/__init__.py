@@ -1,13 +1,15 @@
 """Inputs into one frame (see docs/design.md and docs/registration.md)."""
 
 from scan2fea.registration.motion import at_times, deskewed, deskewed_by, moved
-from scan2fea.registration.odometry import Odometry, Sweeps, odometry
+from scan2fea.registration.odometry import VISIBLE, Odometry, Sweeps, odometry
 from scan2fea.registration.options import RegistrationOptions
 from scan2fea.registration.place import Placed, joined, place
 from scan2fea.registration.poses import read_poses, read_trajectory
 from scan2fea.registration.register import Link
+from scan2fea.registration.uncertainty import pose_variance
 
 __all__ = [
+    "VISIBLE",
     "Link",
     "Odometry",
     "Placed",
@@ -20,6 +22,7 @@ __all__ = [
     "moved",
     "odometry",
     "place",
+    "pose_variance",
     "read_poses",
     "read_trajectory",
 ]

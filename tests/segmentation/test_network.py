@@ -5,8 +5,9 @@ import pytest
 from scipy.signal import correlate
 
 from scan2fea.segmentation.canonical import GRID, N_CHANNELS, N_EXTRA, look_at
-from scan2fea.segmentation.kinds import KindNetwork, fitted_temperature, guess_kinds, kind_probabilities
+from scan2fea.segmentation.kinds import KindNetwork, fitted_temperature, guess_kinds, kind_probabilities, segment_kinds
 from scan2fea.segmentation.network import _layers, initial, logits, loss_and_gradients, softmax, trained
+from scan2fea.types import PointCloud, Segments
 
 
 def small(seed=0):
@@ -111,3 +112,14 @@ def test_mirror_images_of_a_section_are_one_and_below_the_limit_it_is_unknown():
     first, none = guess_kinds(sure, [beam(), np.zeros((5, 3))])
     assert first.kind in "abc" and first.confidence > 0.6
     assert none.kind == "unknown" and np.isnan(none.confidence)
+
+
+@pytest.mark.parametrize("up", np.eye(3))
+def test_floor_is_level_or_else_what_carries(up):
+    rng = np.random.default_rng(0)
+    side = np.roll(up, 1)
+    floor, wall = (rng.random((n, 3)) * (1 - across) for n, across in ((600, up), (500, side)))
+    cloud = PointCloud.of(np.concatenate([floor, wall]))
+    segments = Segments(labels=np.repeat([0, 1], [600, 500]), kinds=("support", "support"), how={})
+    said = [guess.kind for guess in segment_kinds(None, cloud, segments)]
+    assert said == (["wall", "floor"] if side[2] else ["floor", "wall"])

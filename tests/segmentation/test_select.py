@@ -48,3 +48,14 @@ def test_selects(options, labels):
 def test_a_label_that_is_not_there_is_told():
     with pytest.raises(UsageError, match=r"select\.labels \[7\]: the scene has the labels 0 to 3"):
         select(*scene(), SelectOptions(labels=(7,)))
+
+
+def test_member_is_what_is_three_times_as_long_as_deep():
+    sides = np.array([[1.0, 1, 0.5], [3.2, 1, 1], [2.8, 1, 1], [3.0, 3.0, 0.01]])  # a point in a hundred is left out at each end
+    parts = [side * np.random.default_rng(k).random((4000, 3)) + 10 * k for k, side in enumerate(sides)]
+    cloud = PointCloud.of(np.concatenate(parts))
+    labels = np.repeat(np.arange(4), 4000)
+    for roles, wanted in ((("object",) * 4, (1,)), (("object", "support", "object", "object"), ())):
+        found = select(cloud, Segments(labels=labels, kinds=roles, how={}), SelectOptions(kinds=("member",)))
+        assert found.labels == wanted
+    assert found.why[0] == "not modelled: no member: less than three times as long as deep (select.kinds)"

@@ -69,19 +69,41 @@ def guess_kinds(network: KindNetwork, objects: Sequence[FloatArray], seed: int =
 
 
 def segment_kinds(network: KindNetwork, cloud: PointCloud, segments: Segments, seed: int = 0) -> tuple[Guess, ...]:
-    """One guess per segment: supports by the direction of their plane (z up), all others by the network."""
+    """One guess per segment: supports by the direction of their plane, all others by the network.
+
+    Up is z; where supports stand but none of them is level, it is the normal of the one with most points: the scan's own up is another axis then.
+    """
     own = [cloud.points[segments.labels == label] for label in range(len(segments.kinds))]
     is_support = [kind == "support" for kind in segments.kinds]
     named = iter(guess_kinds(network, [p for p, support in zip(own, is_support, strict=True) if not support], seed))
-    return tuple(_support_kind(p) if support else next(named) for p, support in zip(own, is_support, strict=True))
+    normals = [_normal(p) for p, support in zip(own, is_support, strict=True) if support]
+    up = _up(normals, [len(p) for p, support in zip(own, is_support, strict=True) if support])
+    kinds = iter(_support_kind(normal, up) for normal in normals)
+    return tuple(next(kinds) if support else next(named) for support in is_support)
 
 
-def _support_kind(points: FloatArray) -> Guess:
-    """Floor (and table tops) or wall; what leans between is told as a support of no kind."""
+def _normal(points: FloatArray) -> FloatArray:
+    """(3,) of the plane through a support's points; nan for fewer than three."""
     if len(points) < 3:
-        return Guess(kind=UNKNOWN, confidence=float("nan"), source="support")
+        return np.full(3, np.nan)
     local = points - points.mean(axis=0)
-    up = abs(float(np.linalg.eigh(local.T @ local)[1][2, 0]))
+    normal: FloatArray = np.linalg.eigh(local.T @ local)[1][:, 0]
+    return normal
+
+
+def _up(normals: Sequence[FloatArray], n_points: Sequence[int]) -> FloatArray:
+    z = np.array([0.0, 0.0, 1.0])
+    stand = [k for k, normal in enumerate(normals) if np.isfinite(normal).all()]
+    if not stand or any(abs(float(normals[k] @ z)) >= _LEVEL for k in stand):
+        return z
+    return normals[max(stand, key=lambda k: n_points[k])]
+
+
+def _support_kind(normal: FloatArray, upward: FloatArray) -> Guess:
+    """Floor (and table tops) or wall; what leans between is told as a support of no kind."""
+    if not np.isfinite(normal).all():
+        return Guess(kind=UNKNOWN, confidence=float("nan"), source="support")
+    up = abs(float(normal @ upward))
     kind = SUPPORT_KINDS[0] if up >= _LEVEL else SUPPORT_KINDS[1] if up <= _UPRIGHT else UNKNOWN
     return Guess(kind=kind, confidence=float("nan"), source="support")
 

@@ -43,7 +43,9 @@ class SelectOptions:
     min_share: float = option(0.01, "Segments of fewer points than this share of the largest object are left out", minimum=0.0, maximum=1.0)
     max_objects: int = option(50, "At most this many objects, the largest", minimum=1)
     kinds: tuple[str, ...] = option(
-        ("object",), "What to model: object, support, clutter; or kinds as guessed: I, L, C, T, plate, box, pipe, free form, floor, wall, unknown"
+        ("object",),
+        "What to model: object, support, clutter; member (an object three times as long as deep); or kinds as guessed: "
+        "I, L, C, T, plate, box, pipe, free form, floor, wall, unknown",
     )
     labels: tuple[int, ...] = option((), "Only these labels of labels.csv, whatever their kind; none: all")
     least_m: float = option(0.0, "Segments whose box has a shorter diagonal are left out", unit="m", minimum=0.0)

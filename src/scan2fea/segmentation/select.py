@@ -11,11 +11,14 @@ import numpy as np
 from scan2fea.errors import UsageError, require
 from scan2fea.segmentation.kinds import OBJECT_KINDS, SUPPORT_KINDS, UNKNOWN
 from scan2fea.segmentation.options import SelectOptions
-from scan2fea.types import PointCloud, Segments
+from scan2fea.types import FloatArray, PointCloud, Segments
 
 ROLES = ("object", "support", "clutter")
-KINDS = (*ROLES, *(kind for kind in OBJECT_KINDS if kind not in ROLES), *SUPPORT_KINDS, UNKNOWN)
+MEMBER = "member"  # among select.kinds: every object that is slender, whatever it is guessed to be
+KINDS = (*ROLES, MEMBER, *(kind for kind in OBJECT_KINDS if kind not in ROLES), *SUPPORT_KINDS, UNKNOWN)
 _ROLE_SAYS = {"support": "a support, which carries or bounds the rest", "clutter": "clutter, a leftover of a support"}
+_SLENDER = 3.0  # length over the larger side of the section: EN 1992-1-1, 5.3.1
+_TAIL = 0.01
 _KIND_SAYS = {"floor": "a floor, which carries the rest", "wall": "a wall, which bounds the rest"}
 
 
@@ -53,7 +56,8 @@ def select(
     if options.labels:
         wanted = _keep(order, lambda label: label in options.labels, "not among select.labels", left_out)
     else:
-        wanted = _of_kinds(order, segments.kinds, names or segments.kinds, options.kinds, left_out)
+        slender = frozenset(_slender(cloud, segments)) if MEMBER in options.kinds else frozenset()
+        wanted = _of_kinds(order, segments.kinds, names or segments.kinds, options.kinds, left_out, slender)
     wanted = _by_place(cloud, segments, options, wanted, left_out)
     least = max(float(options.min_points), options.min_share * max((counts[label] for label in wanted), default=0))
     few = f"with fewer than {round(least)} points (select.min_points, select.min_share)"
@@ -72,8 +76,37 @@ def _keep(labels: list[int], wanted: Callable[[int], bool], why_not: str, left_o
     return [label for label in labels if wanted(label)]
 
 
-def _of_kinds(labels: list[int], roles: Sequence[str], names: Sequence[str], kinds: Sequence[str], left_out: dict[str, list[int]]) -> list[int]:
-    """The labels whose role or kind is among `kinds`; of the others the role tells why they are not, for a kind is only a guess."""
+def _slender(cloud: PointCloud, segments: Segments) -> list[int]:
+    """Labels of the objects that are at least three times as long as their section is deep: beams and columns, no crates, tables or plates."""
+    found = []
+    for label, role in enumerate(segments.kinds):
+        points = cloud.points[segments.labels == label]
+        if role != "object" or len(points) < 3:
+            continue
+        local = points - points.mean(axis=0)
+        local = local @ np.linalg.eigh(local.T @ local)[1]
+        angles = np.radians(np.arange(0, 90, 5))  # the axes of a square section are any
+        turned = local[:, :2] @ np.stack([np.cos(angles), np.sin(angles)]), local[:, :2] @ np.stack([-np.sin(angles), np.cos(angles)])
+        deep = np.maximum(*(_extents(values) for values in turned)).min()
+        if _extents(local[:, 2]) >= _SLENDER * deep:
+            found.append(label)
+    return found
+
+
+def _extents(values: FloatArray) -> FloatArray:
+    """Of values (n, ...), but for one in a hundred at each end."""
+    low, high = np.quantile(values, [_TAIL, 1.0 - _TAIL], axis=0)
+    extents: FloatArray = np.asarray(high - low)
+    return extents
+
+
+def _of_kinds(
+    labels: list[int], roles: Sequence[str], names: Sequence[str], kinds: Sequence[str], left_out: dict[str, list[int]], slender: Collection[int]
+) -> list[int]:
+    """The labels whose role or kind is among `kinds`; of the others the role tells why they are not, for a kind is only a guess.
+
+    slender : labels that "member" stands for.
+    """
     for kind in kinds:
         near = difflib.get_close_matches(kind, KINDS, n=1)
         says = f"select.kinds: there is no kind {kind!r}{f'; did you mean {near[0]!r}?' if near else ''} There are {', '.join(KINDS)}"
@@ -81,10 +114,12 @@ def _of_kinds(labels: list[int], roles: Sequence[str], names: Sequence[str], kin
 
     def fits(label: int) -> bool:
         name = UNKNOWN if names[label] == roles[label] == "object" else names[label]
-        return roles[label] in kinds or name in kinds
+        return roles[label] in kinds or name in kinds or label in slender
 
     def says_of(label: int) -> str:
         role, name = roles[label], names[label]
+        if role == "object" and tuple(kinds) == (MEMBER,):
+            return "no member: less than three times as long as deep"
         return _KIND_SAYS.get(name, _ROLE_SAYS["support"]) if role == "support" else _ROLE_SAYS.get(role, f"of kind {name}")
 
     wanted = list(labels)

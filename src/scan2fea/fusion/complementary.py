@@ -17,13 +17,14 @@ import numpy as np
 from scan2fea.errors import InputError, require
 from scan2fea.fusion.options import FusionOptions
 from scan2fea.kernel.jit import jit_ieee
-from scan2fea.kernel.quaternions import between_samples, matrices_of, product, scaled_to_one, turned, turned_back
+from scan2fea.kernel.quaternions import Quaternion, Triple, between_samples, matrices_of, product, scaled_to_one, turned, turned_back
 from scan2fea.types import BoolArray, FloatArray, InertialLog, Trajectory, Value
 
 REST_RATE, REST_FORCE = math.radians(2.0), 0.5  # rad/s, m/s^2: a unit that lies still leaves its own mean by less
 REST_AFTER_S, REST_MEAN_S = 1.5, 0.5
 REST_BIAS_S = 5.0  # time constant of the bias at rest
 MAGNETIC_SHARE, MAGNETIC_DIP = 0.1, math.radians(10.0)  # a field that differs by more from its mean is disturbed
+SIZE, DIP, COUNT, ODD_S, HEADING = 0, 1, 2, 3, 4  # state of the field: mean strength and dip, rows in them, how long it has been odd, heading
 MAGNETIC_MEAN_S, MAGNETIC_MOST_S = 20.0, 60.0  # of that mean; a field that stays changed so long is the field
 
 
@@ -79,76 +80,99 @@ def _filter(
     tau, magnetic_tau, bias_tau = constants
     half = 0.5 * tau  # two averages in a row, the delay of both is tau
     gyro, level = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0)  # to a frame that does not turn; from there to the level
-    bx = by = bz = 0.0
-    ux = uy = uz = vx = vy = vz = 0.0  # specific force averaged once and twice
-    since, heading = 0.0, 0.0
-    rows, n_field, n_disturbed, disturbed_s = 0, 0, 0, 0.0
-    field_size = field_dip = 0.0
-    rest = np.zeros(6)
-    rest_s, rest_rows = 0.0, 0
+    bias, once, twice = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)  # of the rates; specific force averaged once and twice
+    since, rows, n_disturbed, rest_s, rest_rows = 0.0, 0, 0, 0.0, 0
+    field, rest = np.zeros(5), np.zeros(6)
     for k in range(len(time)):
         dt = time[k] - time[k - 1] if k > 0 else 0.0
-        now = (rate[k, 0] - bx, rate[k, 1] - by, rate[k, 2] - bz)
         if is_gap[k]:
-            rows, n_field, since, rest_s = 0, 0, 0.0, 0.0  # what happened is not known: begin to average anew
+            rows, field[COUNT], since, rest_s = 0, 0.0, 0.0, 0.0  # what happened is not known: begin to average anew
         elif k > 0:
-            before = (rate[k - 1, 0] - bx, rate[k - 1, 1] - by, rate[k - 1, 2] - bz)
-            gyro = scaled_to_one(product(gyro, between_samples(before, now, dt)))
+            step = between_samples(_less(rate[k - 1], bias), _less(rate[k], bias), dt)
+            gyro = scaled_to_one(product(gyro, step))
         rows += 1
         since += dt
-        ax, ay, az = turned(gyro, (force[k, 0], force[k, 1], force[k, 2]))
         gain = max(dt / (half + dt), 1.0 / rows)  # 1 - al
-        ux, uy, uz = ux + gain * (ax - ux), uy + gain * (ay - uy), uz + gain * (az - uz)
-        vx, vy, vz = vx + gain * (ux - vx), vy + gain * (uy - vy), vz + gain * (uz - vz)
-        ex, ey, ez = turned(level, (vx, vy, vz))
-        size = math.sqrt(ex * ex + ey * ey + ez * ez)
-        cx = cy = 0.0
-        if size > 0.0:
-            step = scaled_to_one((ey, -ex, 0.0, size + ez)) if size + ez > 1e-9 * size else (1.0, 0.0, 0.0, 0.0)
-            level = scaled_to_one(product(step, level))
-            cx, cy = 2.0 * step[0], 2.0 * step[1]
+        once = _toward(once, turned(gyro, (force[k, 0], force[k, 1], force[k, 2])), gain)
+        twice = _toward(twice, once, gain)
+        level, cx, cy = _levelled(level, turned(level, twice))
         tilted = product(level, gyro)
-
         turn = 0.0
         if len(magnetic) > 0:
-            mx, my, mz = turned(tilted, (magnetic[k, 0], magnetic[k, 1], magnetic[k, 2]))
-            flat = math.sqrt(mx * mx + my * my)
-            strength, dip = math.sqrt(flat * flat + mz * mz), math.atan2(-mz, flat)
-            odd = n_field > 0 and (abs(strength - field_size) > MAGNETIC_SHARE * field_size or abs(dip - field_dip) > MAGNETIC_DIP)
-            odd = odd and since > magnetic_tau
-            if odd and disturbed_s < MAGNETIC_MOST_S:
-                n_disturbed += 1
-                disturbed_s += dt
-            else:
-                if odd:  # it has been so for a minute: this is the field
-                    n_field = 0
-                disturbed_s = 0.0
-                n_field += 1
-                mean = max(dt / (MAGNETIC_MEAN_S + dt), 1.0 / n_field)
-                field_size, field_dip = field_size + mean * (strength - field_size), field_dip + mean * (dip - field_dip)
-                away = math.atan2(mx, my) - heading
-                away -= 2.0 * math.pi * math.floor(away / (2.0 * math.pi) + 0.5)
-                turn = max(dt / (magnetic_tau + dt), 1.0 / n_field) * away
-                heading += turn
-
-        still = True
-        mean = dt / (REST_MEAN_S + dt) if k > 0 else 1.0
-        for i in range(3):
-            rest[i] += mean * (rate[k, i] - rest[i])
-            rest[3 + i] += mean * (force[k, i] - rest[3 + i])
-            still = still and abs(rate[k, i] - rest[i]) < REST_RATE and abs(force[k, i] - rest[3 + i]) < REST_FORCE and abs(rest[i]) < REST_RATE
-        rest_s = rest_s + dt if still else 0.0
+            turn, odd = _heading_step(field, turned(tilted, (magnetic[k, 0], magnetic[k, 1], magnetic[k, 2])), dt, magnetic_tau, since > magnetic_tau)
+            n_disturbed += odd
+        rest_s = rest_s + dt if _is_still(rest, rate[k], force[k], dt / (REST_MEAN_S + dt) if k > 0 else 1.0) else 0.0
         if rest_s > REST_AFTER_S:
             is_rest[k] = True
             rest_rows += 1
-            mean = max(dt / REST_BIAS_S, 1.0 / rest_rows)
-            bx, by, bz = bx + mean * (rest[0] - bx), by + mean * (rest[1] - by), bz + mean * (rest[2] - bz)
+            bias = _toward(bias, (rest[0], rest[1], rest[2]), max(dt / REST_BIAS_S, 1.0 / rest_rows))
         elif since > 2.0 * tau:  # the corrections go against the bias that is left
             share = 1.0 / min(max(since, 4.0 * tau), bias_tau)
             gx, gy, gz = turned_back(tilted, (cx, cy, turn if since > 2.0 * magnetic_tau else 0.0))
-            bx, by, bz = bx - share * gx, by - share * gy, bz - share * gz
-
-        out = product((0.0, 0.0, math.sin(0.5 * heading), math.cos(0.5 * heading)), tilted)
-        q_out[k, 0], q_out[k, 1], q_out[k, 2], q_out[k, 3] = out
-        bias_out[k, 0], bias_out[k, 1], bias_out[k, 2] = bx, by, bz
+            bias = (bias[0] - share * gx, bias[1] - share * gy, bias[2] - share * gz)
+        half_heading = 0.5 * field[HEADING]
+        q_out[k, 0], q_out[k, 1], q_out[k, 2], q_out[k, 3] = product((0.0, 0.0, math.sin(half_heading), math.cos(half_heading)), tilted)
+        bias_out[k, 0], bias_out[k, 1], bias_out[k, 2] = bias
     return n_disturbed
+
+
+@jit_ieee
+def _less(row: FloatArray, bias: Triple) -> Triple:
+    return row[0] - bias[0], row[1] - bias[1], row[2] - bias[2]
+
+
+@jit_ieee
+def _toward(mean: Triple, value: Triple, gain: float) -> Triple:
+    """A running mean after one more value."""
+    x, y, z = mean
+    return x + gain * (value[0] - x), y + gain * (value[1] - y), z + gain * (value[2] - z)
+
+
+@jit_ieee
+def _levelled(level: Quaternion, force: Triple) -> tuple[Quaternion, float, float]:
+    """The turn to the level after one that brings `force` (which it has turned) upright, and that turn about x and y, radians."""
+    ex, ey, ez = force
+    size = math.sqrt(ex * ex + ey * ey + ez * ez)
+    if not size > 0.0:
+        return level, 0.0, 0.0
+    step = scaled_to_one((ey, -ex, 0.0, size + ez)) if size + ez > 1e-9 * size else (1.0, 0.0, 0.0, 0.0)
+    return scaled_to_one(product(step, level)), 2.0 * step[0], 2.0 * step[1]
+
+
+@jit_ieee
+def _heading_step(field: FloatArray, seen: Triple, dt: float, tau: float, settled: bool) -> tuple[float, int]:
+    """Turn of the heading (radians) by which the levelled field `seen` corrects it, and 1 where it is disturbed and was not believed.
+
+    field : state (5,), changed in place.   settled : the means have been built.
+    """
+    mx, my, mz = seen
+    flat = math.sqrt(mx * mx + my * my)
+    strength, dip = math.sqrt(flat * flat + mz * mz), math.atan2(-mz, flat)
+    odd = field[COUNT] > 0 and (abs(strength - field[SIZE]) > MAGNETIC_SHARE * field[SIZE] or abs(dip - field[DIP]) > MAGNETIC_DIP)
+    odd = odd and settled
+    if odd and field[ODD_S] < MAGNETIC_MOST_S:
+        field[ODD_S] += dt
+        return 0.0, 1
+    if odd:  # it has been so for a minute: this is the field
+        field[COUNT] = 0.0
+    field[ODD_S] = 0.0
+    field[COUNT] += 1.0
+    mean = max(dt / (MAGNETIC_MEAN_S + dt), 1.0 / field[COUNT])
+    field[SIZE] += mean * (strength - field[SIZE])
+    field[DIP] += mean * (dip - field[DIP])
+    away = math.atan2(mx, my) - field[HEADING]
+    away -= 2.0 * math.pi * math.floor(away / (2.0 * math.pi) + 0.5)
+    turn = max(dt / (tau + dt), 1.0 / field[COUNT]) * away
+    field[HEADING] += turn
+    return turn, 0
+
+
+@jit_ieee
+def _is_still(mean: FloatArray, rate: FloatArray, force: FloatArray, gain: float) -> bool:
+    """Whether a row leaves its own running mean (6,) of rate and force, changed in place, by no more than a unit that lies still."""
+    still = True
+    for i in range(3):
+        mean[i] += gain * (rate[i] - mean[i])
+        mean[3 + i] += gain * (force[i] - mean[3 + i])
+        still = still and abs(rate[i] - mean[i]) < REST_RATE and abs(force[i] - mean[3 + i]) < REST_FORCE and abs(mean[i]) < REST_RATE
+    return still

@@ -156,3 +156,12 @@ def test_option_leaves_them_together():
     scan = Scan(cloud=PointCloud.of(points))
     assert len(segment_scene(scan).kinds) == 3
     assert len(segment_scene(scan, SegmentationOptions(members=False)).kinds) == 1
+
+
+def test_members_that_stand_in_leaves_fall_apart_all_the_same():
+    points, truth = portal()
+    leaves = [0.0, -0.3, 0.5] + np.array([0.25, 0.2, 0.3]) * np.random.default_rng(3).standard_normal((8_000, 3))
+    found = members(np.concatenate([points, leaves]))
+    good = agreement(np.r_[truth, np.full(len(leaves), 3)], found)
+    assert good.iou[1:3].min() > 0.9
+    assert good.iou[0] > 0.5  # the post stands in them

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import ndimage
 
 from scan2fea.kernel.neighbors import k_nearest, radius_components
-from scan2fea.kernel.noise import noise_sigma, spacing
+from scan2fea.kernel.noise import noise_sigma, sampled_rows, spacing
 from scan2fea.kernel.normals import pca_normals
 from scan2fea.kernel.spanning_tree import tree_parts
 from scan2fea.kernel.voxels import voxel_mean
@@ -41,6 +41,8 @@ _ALONG = 0.5  # of its length that a piece lies along another to be one with it
 _IN_LINE = 0.97  # cosine of 14 degrees
 _OBLIQUE = 0.26  # cosine of 75 degrees
 _ALIKE = 1.35  # ratio of widths that still is the same section
+_ROUGH = ((16, 0.08), (96, 0.15))  # neighbours, share of their spread across their plane: a third in leaves, a hundredth on a face
+_JUDGED = 4_000
 _MOST_CUTS, _MOST_CELLS = 40, 2e6
 _EMPTY = 0.75  # of its usual share: less, and the section is not there
 _SHORT, _INSIDE = 0.25, 0.8  # a piece of less than a quarter of the length must lie within the other's box to be one with it
@@ -67,7 +69,7 @@ def members(points: FloatArray, seed: int = 0, min_points: int = 100) -> IntArra
     piece, axes = _pieces(thin, seed)
     piece = _given_back(thin, _shortened(thin, piece, axes))
     piece = _cut(thin, piece, axes)
-    if len(np.unique(piece[piece >= 0])) < 2 or (piece >= 0).sum() < _EXPLAINED * len(piece):
+    if len(np.unique(piece[piece >= 0])) < 2:
         return whole
     group = _joined(thin, piece)
     chosen = _members_of(thin, group)
@@ -320,18 +322,32 @@ def _members_of(thin: _Thin, group: IntArray) -> tuple[IntArray, list[Extent]] |
             continue
         out[rows] = len(extents)
         extents.append(extent)
-    counts = np.bincount(out[out >= 0], minlength=len(extents))
     slender = np.array([extent.length / extent.width for extent in extents])
     width = np.array([extent.width for extent in extents])
 
     def is_made_of(those: BoolArray) -> bool:
-        return int(those.sum()) >= 2 and int(counts[those].sum()) >= _EXPLAINED * len(group)
+        if those.sum() < 2:
+            return False
+        on = np.append(those, False)[out]
+        return bool(on.mean() >= _EXPLAINED or _share_of_surfaces(thin, on) >= _EXPLAINED)
 
     beams = slender >= _BEAM
     axes = np.array([extent.axis for extent in extents]).reshape(-1, 3)
     cosine = np.abs(axes @ axes.T)
     braced = (width[:, None] > _ALIKE * width) & (cosine > _OBLIQUE) & (cosine < _IN_LINE) & beams[:, None] & beams
     return (out, extents) if is_made_of(slender >= LONG) or (braced.any() and is_made_of(beams)) else None
+
+
+def _share_of_surfaces(thin: _Thin, on: BoolArray) -> float:
+    """Share of those points that are marked among the points that lie on surfaces: leaves and heaps that touch a frame explain nothing."""
+    rows = sampled_rows(len(on), _JUDGED, 0)
+    smooth = np.zeros(len(rows), bool)
+    for k, rough in _ROUGH:  # a thin plate looks rough from near, a bar from afar
+        patch = thin.points[k_nearest(thin.points, k, thin.points[rows])[1]]
+        patch = patch - patch.mean(axis=1, keepdims=True)
+        spread = np.linalg.eigvalsh(np.einsum("mki,mkj->mij", patch, patch))
+        smooth |= spread[:, 0] <= rough * spread.sum(axis=1)
+    return float(on[rows][smooth].mean()) if smooth.sum() >= _LEAST else 0.0
 
 
 def _run_through(thin: _Thin, member: IntArray, extents: list[Extent]) -> IntArray:

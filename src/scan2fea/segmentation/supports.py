@@ -10,7 +10,9 @@ are large planes too, so size decides nothing. What decides, for a plane of a co
    on a flange, the other leg of an angle run out at the ends of the plane;
 4. the plane is at least as wide as that thing is tall: a column on its base plate is one object, a column on a floor is not part of it;
 5. without a known sensor: the border of the plane is not mostly lined by walls going up (a box seen from outside with a pocket in its
-   face, and a room seen from inside, are then the same points).
+   face, and a room seen from inside, are then the same points); where two things or more stand clear, at least a quarter of it is open.
+
+What carries things is followed by the walls that bound them (`walls`).
 """
 
 from __future__ import annotations
@@ -23,11 +25,12 @@ from scan2fea.kernel.neighbors import radius_components
 from scan2fea.kernel.threads import in_threads
 from scan2fea.segmentation.footprint import DIRECTIONS, border_share, directions_beyond, grid_on, is_covered, least_extent, standing_parts
 from scan2fea.segmentation.planes import Plane, PlaneFinder
+from scan2fea.segmentation.walls import wall_among
 from scan2fea.types import FloatArray, IntArray, Value
 
 _BEHIND = 0.05
 _BODY = 0.5
-_LINED = 0.5
+_LINED, _LINED_BUSY = 0.5, 0.75
 _PARALLEL = 0.95
 _MOST = 8  # supports per scene
 
@@ -67,8 +70,24 @@ def find_supports(finder: PlaneFinder, sensors: FloatArray, radius_m: float, min
             number[rows[on]] = len(planes)
             planes.append(plane)
             todo.append((rows[~on], floor or plane))
-    widths = tuple(_width(plane, points[number == i], radius_m) for i, plane in enumerate(planes))
-    return Supports(number=number, planes=tuple(planes), width_m=widths)
+    widths = [_width(plane, points[number == i], radius_m) for i, plane in enumerate(planes)]
+    todo = [(np.flatnonzero(number < 0), planes[0])] if planes else []
+    while todo and len(planes) < _MOST:
+        left, ground = todo.pop()
+        for rows in _connected(points, left, radius_m, min_points):
+            part = np.zeros(len(points), bool)
+            part[rows] = True
+            wall = wall_among(finder.of(rows), points, part, sensors, ground, widths[0], radius_m)
+            if wall is None or len(planes) >= _MOST:
+                continue
+            plane, depth = wall
+            height = plane.height(points[rows])
+            on = (height >= -plane.band_m) & (height <= depth)
+            number[rows[on]] = len(planes)
+            planes.append(plane)
+            widths.append(_width(plane, points[rows[on]], radius_m))
+            todo.append((rows[~on], ground))  # the next wall of the corner
+    return Supports(number=number, planes=tuple(planes), width_m=tuple(widths))
 
 
 def _width(plane: Plane, points: FloatArray, radius_m: float) -> float:
@@ -121,4 +140,5 @@ def carries(plane: Plane, points: FloatArray, sensors: FloatArray, radius_m: flo
     lining = np.zeros(grid.shape, bool)
     for ok, part in zip(stands, parts, strict=True):
         lining |= part.cells & (not ok)
-    return is_seen or border_share(floor, lining) < _LINED
+    n_clear = sum(ok and is_covered(part.cells) for ok, part in zip(stands, parts, strict=True))
+    return is_seen or border_share(floor, lining) < (_LINED if n_clear < 2 else _LINED_BUSY)

@@ -70,24 +70,29 @@ def find_supports(finder: PlaneFinder, sensors: FloatArray, radius_m: float, min
             number[rows[on]] = len(planes)
             planes.append(plane)
             todo.append((rows[~on], floor or plane))
-    widths = [_width(plane, points[number == i], radius_m) for i, plane in enumerate(planes)]
-    todo = [(np.flatnonzero(number < 0), planes[0])] if planes else []
-    while todo and len(planes) < _MOST:
-        left, ground = todo.pop()
-        for rows in _connected(points, left, radius_m, min_points):
-            part = np.zeros(len(points), bool)
-            part[rows] = True
-            wall = wall_among(finder.of(rows), points, part, sensors, ground, widths[0], radius_m)
-            if wall is None or len(planes) >= _MOST:
+    if planes:
+        _take_walls(finder, sensors, number, planes, radius_m, min_points)
+    widths = tuple(_width(plane, points[number == i], radius_m) for i, plane in enumerate(planes))
+    return Supports(number=number, planes=tuple(planes), width_m=widths)
+
+
+def _take_walls(finder: PlaneFinder, sensors: FloatArray, number: IntArray, planes: list[Plane], radius_m: float, min_points: int) -> None:
+    """Enter the walls that stand on the first support into `number` (n,) and `planes`."""
+    points, floor = finder.points, planes[0]
+    width = _width(floor, points[number == 0], radius_m)
+    todo = [np.flatnonzero(number < 0)]
+    while todo:
+        for rows in _connected(points, todo.pop(), radius_m, min_points):
+            part = np.isin(np.arange(len(points)), rows)
+            wall = wall_among(finder.of(rows), points, part, sensors, floor, width, radius_m) if len(planes) < _MOST else None
+            if wall is None:
                 continue
             plane, depth = wall
             height = plane.height(points[rows])
             on = (height >= -plane.band_m) & (height <= depth)
             number[rows[on]] = len(planes)
             planes.append(plane)
-            widths.append(_width(plane, points[rows[on]], radius_m))
-            todo.append((rows[~on], ground))  # the next wall of the corner
-    return Supports(number=number, planes=tuple(planes), width_m=tuple(widths))
+            todo.append(rows[~on])  # the next wall of the corner
 
 
 def _width(plane: Plane, points: FloatArray, radius_m: float) -> float:

@@ -29,7 +29,7 @@ class Kit:
             found = main([str(word) for word in words])
         if found != code:
             raise RuntimeError(f"scan2fea {' '.join(map(str, words))}: exit code {found}, not {code}: {errors.getvalue()[-400:]}")
-        shown = " ".join(f'"{word}"' if " " in word else word for word in map(self._short, words))
+        shown = " ".join(f'"{word}"' if " " in word else word for word in _folded([self._short(word) for word in words]))
         self.steps.append((f"scan2fea {shown}", self._short(out.getvalue()).strip()))
         return out.getvalue()
 
@@ -50,3 +50,16 @@ class Kit:
 
     def _short(self, text: object) -> str:
         return str(text).replace(f"{self.folder}/", "").replace(str(self.folder), ".")
+
+
+def _folded(words: list[str]) -> list[str]:
+    """Four and more files of one folder and ending in a row, as a shell would be told of them."""
+    out: list[str] = []
+    while words:
+        like = re.fullmatch(r"(.+/)[^/]+(\.\w+)", words[0])
+        n = 1
+        while like and n < len(words) and re.fullmatch(re.escape(like[1]) + r"[^/]+" + re.escape(like[2]), words[n]):
+            n += 1
+        out += [f"{like[1]}*{like[2]}"] if like and n >= 4 else words[:n]
+        words = words[n:]
+    return out

@@ -37,3 +37,10 @@ def test_the_page_has_a_chapter_and_a_picture_of_each(gallery):
     for name in told:
         with Image.open(gallery.IMAGES / f"{name[:4]}.png") as picture:
             assert picture.size[0] >= 300
+
+
+def test_many_files_are_told_as_a_shell_would(gallery):
+    folded = sys.modules["kit"]._folded
+    files = [f"a/{k}.ply" for k in range(5)]
+    assert folded(["run", *files, "b/1.ply", "-o", "OUT"]) == ["run", "a/*.ply", "b/1.ply", "-o", "OUT"]
+    assert folded(files[:3]) == files[:3] and folded([]) == []

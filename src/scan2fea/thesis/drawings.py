@@ -171,11 +171,7 @@ def bad_elements(bench: Bench) -> Made:
 
 def relaxation(bench: Bench) -> Made:
     """Figure 2.20: Lloyd's relaxation after 1, 5, 10 and 15 iterations."""
-    rng = np.random.default_rng(bench.options.seed)
-    side = np.linspace(0, 1, 11)[:-1]
-    rim = np.concatenate([np.c_[side, 0 * side], np.c_[1 + 0 * side, side], np.c_[1 - side, 1 + 0 * side], np.c_[0 * side, 1 - side]])
-    points = np.concatenate([rim, 0.04 + 0.92 * rng.random((90, 2))])
-    start = TriangleMesh(vertices=np.c_[points, np.zeros(len(points))], faces=_turned(points, Delaunay(points).simplices.astype(np.int64)))
+    start = square(bench.options.seed)
     canvas, says = Canvas(1060, 330), []
     for k, iterations in enumerate((0, 1, 5, 10, 15)):
         mesh, found = (start, None) if iterations == 0 else lloyd(start, iterations, constrained=True)
@@ -188,6 +184,15 @@ def relaxation(bench: Bench) -> Made:
         if found is not None:
             says.append(f"after {found.iterations}: energy {100 * found.energies[-1] / found.energies[0]:.1f} % of the first")
     return Made(picture=canvas.png(), says=("; ".join(says) + ".", "Border vertices slide along the border; corners stay."))
+
+
+def square(seed: int) -> TriangleMesh:
+    """A square of triangles with 90 vertices at random inside and 40 on its border."""
+    rng = np.random.default_rng(seed)
+    side = np.linspace(0, 1, 11)[:-1]
+    rim = np.concatenate([np.c_[side, 0 * side], np.c_[1 + 0 * side, side], np.c_[1 - side, 1 + 0 * side], np.c_[0 * side, 1 - side]])
+    points = np.concatenate([rim, 0.04 + 0.92 * rng.random((90, 2))])
+    return TriangleMesh(vertices=np.c_[points, np.zeros(len(points))], faces=_turned(points, Delaunay(points).simplices.astype(np.int64)))
 
 
 def _turned(points: FloatArray, faces: IntArray) -> IntArray:

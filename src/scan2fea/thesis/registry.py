@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from scan2fea.errors import UsageError, require
-from scan2fea.thesis import approach, background, conclusion, drawings, hypotheses, results, segments
+from scan2fea.thesis import approach, background, blanks, conclusion, drawings, hypotheses, results, segments
 from scan2fea.thesis.bench import ThesisOptions
 from scan2fea.thesis.best import CASES
 from scan2fea.thesis.experiment import Chore, Experiment
@@ -74,6 +74,8 @@ def _all() -> Iterable[Experiment]:
     cut = _of_clouds(*(chore for mesh in ("SS2", "SS4") for chore in _of_mesh("hdl", mesh, "exude")), ("best", "hdl"))
     yield one(id="F2.4", section="2.1.2", title="One turn of a single-beam LiDAR", make=background.one_beam)
     yield one(id="F2.5", section="2.1.2", title="Data of an HDL-32E", make=background.hdl_data)
+    yield one(id="S2.1", section="2.1.2", title="What the sensors of 2.1 bring home (left open)", make=blanks.sensors)
+    yield one(id="S2.2", section="2.2", title="Fusion of motion sensors (left open)", make=blanks.fusion)
     yield one(id="F2.6", section="2.3.1", title="Feature of an intrinsic shape signature", make=background.feature)
     yield one(id="F2.7", section="2.3.2", title="Noise filter on an L block with 10 % strays", make=background.noise_filter)
     yield one(id="F2.8", section="2.3.3", title="An L block thinned by voxels", make=background.thinning)
@@ -83,14 +85,17 @@ def _all() -> Iterable[Experiment]:
     yield one(id="F2.16", section="2.5", title="A NURBS curve", make=drawings.spline)
     yield one(id="F2.17", section="2.5.1", title="Voronoi cells and Delaunay triangles", make=drawings.tessellation)
     yield one(id="F2.18", section="2.5.1", title="Edges and half edges", make=drawings.half_edge)
+    yield one(id="S2.5.1", section="2.5.1", title="Refinement of a patch (left open)", make=blanks.refinement)
     yield one(id="F2.19", section="2.5.2", title="Bad elements and their measures (with table 2.1)", make=drawings.bad_elements)
     yield one(id="F2.20", section="2.5.2", title="Relaxation after 1, 5, 10 and 15 iterations", make=drawings.relaxation)
+    yield one(id="S2.5.2", section="2.5.2", title="What eq 2.20 measures (left open)", make=blanks.eq_2_20)
     yield one(id="F3.1", section="3.3.1", title="The lab without noise", make=approach.lab_zero)
     yield one(id="F3.2", section="3.3.2", title="The lab with noise of 2 cm", make=approach.lab_noisy)
     yield one(id="F3.3", section="3.3.3", title="How an HDL-32E scans", make=approach.lidar_fan)
     yield one(id="F3.4", section="3.3.3", title="How frames are joined", make=approach.concatenation)
     yield one(id="T3.1", section="3.3.5", title="Clustering methods on control sets", make=approach.control_sets)
     yield one(id="T3.2", section="3.3.6", title="What a growing scale does", make=approach.scales, needs=_of_clouds(("lab",), ("beam", "zero")))
+    yield one(id="S3.3.7", section="3.3.7", title="Which measures the optimisers improve (left open)", make=blanks.improved)
     yield one(id="F3.5", section="3.3.9", title="Informed shape estimation", make=approach.estimation_flow)
     yield one(id="F3.6", section="3.3.9", title="Shape estimation on a block of 10 x 10 x 5 in", make=approach.shape_estimation)
     yield one(id="F4.1", section="4.1", title="Zero noise: the cloud", make=segments.raw_cloud("zero"))

@@ -324,7 +324,10 @@ def with_likeliest_noise(scene: Scene, found: Sequence[Candidate], laws: tuple[s
     known = {id(c): t[law] for c, t in zip(asked, trials, strict=True)}
     near = [c for c in found if c.bic < best.bic + _STILL_IN or id(c) in known]
     chosen = [known[id(c)] if id(c) in known else c if c.noise == law else with_noise(scene, c, law) for c in near]
-    return sorted(chosen, key=lambda c: c.bic), tried
+    chosen.sort(key=lambda c: c.bic)
+    if chosen[0].family != tried[law].family:  # what is said of the laws is said of the section that was chosen
+        tried = {name: chosen[0] if name == law else with_noise(scene, chosen[0], name) for name in laws}
+    return chosen, tried
 
 
 def posterior(candidates: Sequence[Candidate]) -> dict[str, float]:

@@ -1,0 +1,144 @@
+"""From a section fitted along an axis to a member: the curve that is significant, the ends, the parameters, and what of them the points tell."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from functools import partial
+
+import numpy as np
+
+from scan2fea.estimation.along_axis import MemberOptions
+from scan2fea.estimation.cap_law import across
+from scan2fea.estimation.ends import Ends, find_ends
+from scan2fea.estimation.explain import Explanation, outline_distance
+from scan2fea.estimation.fit import SectionFit
+from scan2fea.estimation.observability import KERNEL_SPREAD, RESOLVED
+from scan2fea.estimation.swept import Sweep
+from scan2fea.estimation.two_sided import blended
+from scan2fea.kernel.pinned import SEEN, pinned
+from scan2fea.kernel.section_likelihood import face_lengths
+from scan2fea.kernel.sections import ROUND, section, section_area
+from scan2fea.types import BoolArray, FloatArray, Member, Parameter
+
+_UNSEEN = 0.05  # points per metre against the densest face: what noise carries over from its neighbours
+_REACH = "it is only how far the scan reaches: no two faces that were seen fix it"
+_BLENDED = "its two faces do not stand apart: one face under wider noise explains the points too"
+_CHORD = 2e-3  # of the section: circles bulge so far beyond their polygons, and exact points are rounded
+_NEAR_SIGMAS = 4.0  # from the section: what lies further off has no say about the ends
+
+
+def significant(sweep: Sweep, fit: SectionFit) -> tuple[Sweep, FloatArray, FloatArray]:
+    """The sweep without the degrees of bow and twist that BIC would not pay for, and the sag (2,) with its sd before that.
+
+    A degree of the bow is two unknowns: it stays where its chi-square exceeds 2 log n. Degrees are independent of each other on an even scan.
+    """
+    axis, roll = sweep.axis.copy(), sweep.roll.copy()
+    place, price = fit.layout.place, math.log(fit.n_used)
+    c, s = math.cos(roll[0]), math.sin(roll[0])
+    turn = np.array([[c, s], [-s, c]])
+    sag, sag_std = np.zeros(2), np.full(2, math.inf)
+    for degree in range(2, axis.shape[1]):
+        names = [f"bow_{one}{degree}" for one in "xy"]
+        if names[0] not in place:  # what straightening and twist make of the degrees below
+            if not axis[:, 2:degree].any() or np.linalg.norm(axis[:, degree]) < 1e-3 * float(fit.values.max()):
+                axis[:, degree] = 0.0
+            continue
+        rows = [place[name] for name in names]
+        covariance = turn @ fit.covariance[np.ix_(rows, rows)] @ turn.T
+        value = turn @ axis[:, degree]
+        if degree == 2:
+            sag, sag_std = 1.5 * value, 1.5 * np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        if not np.linalg.det(covariance) > 0 or float(value @ np.linalg.solve(covariance, value)) < 2 * price:
+            axis[:, degree] = 0.0
+    for degree in range(1, len(roll)):
+        row = place.get(f"twist{degree}")
+        small = 1e-3 if row is None else math.sqrt(price * max(float(fit.covariance[row, row]), 0.0))
+        if abs(roll[degree]) < small:
+            roll[degree] = 0.0
+    return dataclasses.replace(sweep, axis=axis, roll=roll), sag, sag_std
+
+
+def near_section(coordinates: FloatArray, fit: SectionFit) -> BoolArray:
+    """Points in the outline or within four sigma of it: those that can be on the sides or on the caps."""
+    distance = outline_distance(section(fit.family, dict(zip(fit.names, fit.values.tolist(), strict=True))), coordinates[:, :2])[0]
+    return np.asarray(distance < _NEAR_SIGMAS * fit.sigma_m + _CHORD * float(fit.values.max()))
+
+
+def ends_of(coordinates: FloatArray, fit: SectionFit, span: tuple[float, float]) -> Ends:
+    lengths = face_lengths(fit.family, fit.values)
+    seen = np.minimum(fit.face_weight, 1.0) if len(fit.face_weight) == len(lengths) else np.ones(len(lengths))
+    perimeter = float(lengths @ seen)
+    area = section_area(section(fit.family, dict(zip(fit.names, fit.values.tolist(), strict=True))))
+    near = coordinates[near_section(coordinates, fit)]
+    box = float(np.prod(np.maximum(np.ptp(near[:, :2], axis=0), 1e-300))) if len(near) else 1.0
+    look = partial(across, fit.family, fit.values, fit.sigma_m, fit.noise, seen, box)
+    return find_ends(near, fit.sigma_m, span, area / perimeter if perimeter > 0 else 0.0, look)
+
+
+def member_of(sweep: Sweep, fit: SectionFit, ends: Ends, fixed: Mapping[str, float]) -> Member:
+    names = (*fit.names, "length")
+    n = len(fit.names)
+    covariance = np.zeros((n + 1, n + 1))
+    covariance[:n, :n] = fit.covariance[:n, :n]
+    covariance[n, n] = ends.std_m**2
+    length = sweep.span[1]
+    values = (*fit.values.tolist(), fixed.get("length", length))
+    parameters = []
+    for i, name in enumerate(names):
+        if name in fixed:
+            covariance[i, :] = covariance[:, i] = 0.0
+            parameters.append(Parameter(name=name, value_m=fixed[name], std_m=None, observable=True, source="fixed"))
+            continue
+        std = math.sqrt(max(float(covariance[i, i]), 0.0))
+        blind = blind_plate(fit, name)
+        told = fit.observable.get(name, True) and std > 0 and not blind
+        spread = max(std, KERNEL_SPREAD * values[i]) if std > 0 and not told and not blind else None
+        parameters.append(Parameter(name=name, value_m=values[i], std_m=std if told else None, observable=told, source="fitted", spread_m=spread))
+        if not told:
+            covariance[i, :] = covariance[:, i] = 0.0
+    degree = int(max((k for k in range(sweep.axis.shape[1]) if sweep.axis[:, k].any()), default=1))
+    twists = int(max((k for k in range(len(sweep.roll)) if sweep.roll[k] != 0), default=0))
+    normals = np.array([[*ends.low.slope, -1.0], [*(-ends.high.slope), 1.0]])
+    return Member(
+        family=fit.family,
+        parameters=tuple(parameters),
+        T_world_member=sweep.T_world_frame,
+        bow=sweep.axis[:, 2 : degree + 1],
+        twist=np.zeros(0) if fit.family in ROUND else sweep.roll[1 : twists + 1],
+        end_normals=normals / np.linalg.norm(normals, axis=1)[:, None],
+        covariance=covariance,
+        sigma_m=fit.sigma_m,
+        noise=fit.noise,
+        outlier_share=fit.outlier_share,
+        seen=fit.seen,
+        families=fit.families,
+    )
+
+
+def blind_plate(fit: SectionFit, name: str) -> bool:
+    """A sheet thinner than two sigma may have been seen from one side only: what looks like its thickness may be the law of the noise."""
+    return fit.family == "rect" and fit.value(name) < RESOLVED * fit.sigma_m if name in fit.names else False
+
+
+def honest(points: FloatArray, member: Member, options: MemberOptions) -> tuple[Member, Mapping[str, str]]:
+    """The member without the dimensions that rest on how far a face reaches, or on a wall that may be one face; and why each is not observable."""
+    seen = [name for name, share in member.seen.items() if share >= SEEN]
+    fixed = pinned(member.family, seen)
+    one_face = blended(points, member, seen) if options.sigma_error is None else frozenset()
+    fitted = [p.name for p in member.parameters if p.name != "length" and p.source == "fitted" and p.observable]
+    why = {name: _REACH if name not in fixed else _BLENDED for name in fitted if name not in fixed or name in one_face}
+    loose = [k for k, p in enumerate(member.parameters) if p.name in why]
+    covariance = np.array(member.covariance)
+    covariance[loose, :] = covariance[:, loose] = 0.0
+    unknown = {p.name for p in member.parameters if p.name in why or (p.spread_m is not None and p.name not in fixed)}  # not even nearly
+    loose_one = {p.name: dataclasses.replace(p, std_m=None, observable=False, spread_m=None) for p in member.parameters}
+    parameters = tuple(loose_one[p.name] if p.name in unknown else p for p in member.parameters)
+    return dataclasses.replace(member, parameters=parameters, covariance=covariance), why
+
+
+def seen_faces(fit: SectionFit, told: Explanation) -> Mapping[str, float]:
+    """Share of each face that points support; none on a face that the section's fit found hidden."""
+    hidden = {name for name, weight in fit.seen.items() if weight < _UNSEEN}
+    return {name: 0.0 if name in hidden else share for name, share in told.seen.items()}

@@ -31,7 +31,10 @@ def test_the_gap_between_beams_is_that_of_the_rings_or_along_them():
         e, a = (x.ravel() for x in np.meshgrid(np.radians(elevations_deg), np.radians(np.arange(0, 360, step_deg)), indexing="ij"))
         direction = np.stack([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)], axis=1)
         ring = np.unique(e, return_inverse=True)[1]
-        return Rays(origin=np.zeros_like(direction), direction=direction, range_m=np.ones(len(e)), ring=ring)
+        missed = np.random.default_rng(0).standard_normal((5 * len(e), 3))  # most beams of a scanner outdoors do not come back
+        missed /= np.linalg.norm(missed, axis=1, keepdims=True)
+        direction, ring = np.concatenate([missed, direction]), np.concatenate([np.full(len(missed), -1), ring])
+        return Rays(origin=np.zeros_like(direction), direction=direction, range_m=np.ones(len(ring)), ring=ring)
 
     assert abs(math.degrees(_gap(fan([-2, 0, 2, 4], 0.5))) - 2) < 1e-9
     assert abs(math.degrees(_gap(fan([-0.5, 0, 0.5], 3.0))) - 3) < 0.01

@@ -176,16 +176,17 @@ def _cut(time_s: FloatArray, period: float) -> float:
 
 def _gap(rays: Rays) -> float:
     """Angle between neighbouring beams of the fan, rad, 0 where it is one beam or not known: from ring to ring by their elevation about the turning
-    axis, or along a ring where that is more.
+    axis, or along a ring where that is more. Beams that did not come back have no ring (-1).
     """
     if rays.ring is None:
         return 0.0
-    elevation = np.arcsin(np.clip(rays.direction[:, 2], -1.0, 1.0))
-    of_ring = np.sort([float(np.median(elevation[rays.ring == ring])) for ring in np.unique(rays.ring)])
+    ring, direction = rays.ring[rays.ring >= 0], rays.direction[rays.ring >= 0]
+    elevation = np.arcsin(np.clip(direction[:, 2], -1.0, 1.0))
+    of_ring = np.sort([float(np.median(elevation[ring == one])) for one in np.unique(ring)])
     if len(of_ring) < 2:
         return 0.0
-    order = np.argsort(rays.ring, kind="stable")
-    along = np.linalg.norm(np.diff(rays.direction[order], axis=0), axis=1)[np.diff(rays.ring[order]) == 0]
+    order = np.argsort(ring, kind="stable")
+    along = np.linalg.norm(np.diff(direction[order], axis=0), axis=1)[np.diff(ring[order]) == 0]
     return max(float(np.median(np.diff(of_ring))), float(np.median(along)) if len(along) else 0.0)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from scan2fea.cad.patches import Near, Patches
 from scan2fea.kernel.measures import extent, face_areas
+from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.surfaces import PLANE, Surface
 from scan2fea.kernel.topology import edge_table, face_components
 from scan2fea.types import FloatArray, IntArray, TriangleMesh
@@ -60,7 +61,10 @@ def _is_rounding(near: Near, surfaces: tuple[Surface, ...], rows: IntArray, name
     """names : the surfaces beside the patch.   others : all of them, as the third face of a corner need not touch what is left of its rounding."""
     if len(names) < 2:
         return False
-    corners = near.mesh.vertices[np.unique(near.mesh.faces[rows])]
+    used = np.unique(near.mesh.faces[rows])
+    corners = near.mesh.vertices[used]
+    if _depth(near, rows, used) > reach:
+        return False  # wider than the noise and the spacing round any crease, however near it passes to other surfaces
     close = np.array([np.abs(surfaces[k].distance(corners)) <= reach for k in names])
     normal = np.stack([surfaces[k].normals(corners) for k in names])
     meets = np.zeros(len(corners), bool)
@@ -74,6 +78,18 @@ def _is_rounding(near: Near, surfaces: tuple[Surface, ...], rows: IntArray, name
         return True  # smaller than a rounding is wide: what it looks at is chance
     within = [k for k in others if k in names or float(np.abs(surfaces[k].distance(corners)).min()) <= reach]
     return _is_between(near, rows, np.stack([surfaces[k].normals(corners) for k in within]))
+
+
+def _depth(near: Near, rows: IntArray, used: IntArray) -> float:
+    """How far the middle of some faces, whose corners are `used`, lies from their border; infinite where they have none."""
+    inside = np.zeros(len(near.areas), bool)
+    inside[rows] = True
+    half = (3 * rows[:, None] + np.arange(3)).ravel()
+    rim = near.table.edge_of[half[~inside[near.table.twin[half] // 3]]]
+    if not len(rim):
+        return float("inf")
+    at = near.mesh.vertices
+    return float(k_nearest(at[np.unique(near.table.edges[rim])], 1, at[used])[0].max())
 
 
 def _is_between(near: Near, rows: IntArray, beside: FloatArray) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 from scan2fea.cad.boxed import with_exact_box
 from scan2fea.cad.brep import OCC_RESOLUTION_M, CadOptions
 from scan2fea.cad.cells import cell_solid
+from scan2fea.cad.fillets import Fillet, fitted_fillets, renumbered, rounded, without_fillets
 from scan2fea.cad.live import is_valid, joined_triangles, moved_by, parts, surface_of, tessellated, volume_of
 from scan2fea.cad.naming import named_faces
 from scan2fea.cad.patches import Patches, segmented
@@ -27,7 +28,7 @@ from scan2fea.kernel.measures import extent, face_areas
 from scan2fea.kernel.measures import volume as enclosed_volume
 from scan2fea.kernel.neighbors import radius_components
 from scan2fea.kernel.noise import sampled_rows
-from scan2fea.kernel.surfaces import CONE, SPHERE, Surface
+from scan2fea.kernel.surfaces import CONE, SPHERE, Surface, covariance
 from scan2fea.kernel.topology import edge_table, surface_topology
 from scan2fea.types import BoolArray, Brep, FloatArray, IntArray, TriangleMesh, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
@@ -99,12 +100,18 @@ def true_solid(
     reason = ""
     stands = [] if resting is None else resting_planes(*resting, scale.tolerance_m)
     known = [r.surface for r in stands]
-    for factor, patches in _candidates(mesh, known, scale):
+    used = points[sampled_rows(len(points), FIT_POINTS, 0)]
+    near = used, PointToMesh(mesh).nearest(used).face
+    for factor, patches, sharp, fillets in _candidates(mesh, near, known, scale):
         lost = unexplained(mesh, patches, factor * scale.reach_m)
         said = _refused(patches, lost)
         if said:
             reason = reason or said
             continue
+        if fillets:
+            found = _built(mesh, points, sharp, scale, stands, fillets, may_cut=smooth_share(mesh, sharp) <= SMOOTH)
+            if found.brep is not None:
+                return found
         smooth = smooth_share(mesh, patches)
         found = _built(mesh, points, patches, scale, stands, may_cut=smooth <= SMOOTH)
         if found.brep is not None:
@@ -115,13 +122,17 @@ def true_solid(
     return _none(reason)
 
 
-def _candidates(mesh: TriangleMesh, known: list[Surface], scale: _Scale) -> Iterator[tuple[float, Patches]]:
-    """The segmentations, the tight one first unless what it has more than the wide one are scraps: rounded creases in pieces."""
-    made = (
-        (f, without_roundings(mesh, segmented(mesh, f * scale.tolerance_m, known), f * scale.reach_m, known)) for f in TOLERANCES
-    )  # fmt: skip
+_Candidate = tuple[float, Patches, Patches, tuple[Fillet, ...]]  # times the tolerance; patches; these without fillets; fillets
+
+
+def _candidates(mesh: TriangleMesh, near: tuple[FloatArray, IntArray], known: list[Surface], scale: _Scale) -> Iterator[_Candidate]:
+    """The segmentations, the tight one first unless what it has more than the wide one are scraps: rounded creases in pieces.
+
+    near : points and the face of the mesh next to each.
+    """
+    made = (_candidate(mesh, near, known, scale, factor) for factor in TOLERANCES)
     tight = next(made)
-    if smooth_share(mesh, tight[1]) > SMOOTH:
+    if smooth_share(mesh, tight[2]) > SMOOTH:
         yield tight
         yield from made
         return
@@ -129,9 +140,18 @@ def _candidates(mesh: TriangleMesh, known: list[Surface], scale: _Scale) -> Iter
     area = face_areas(mesh)
     sizes = np.sort(np.bincount(tight[1].label + 1, weights=area, minlength=len(tight[1].surfaces) + 1)[1:])
     more = len(tight[1].surfaces) - len(wide[1].surfaces)
-    scraps = more > 0 and float(sizes[:more].sum()) <= SCRAPS * float(area.sum())
+    scraps = more > 0 and float(sizes[:more].sum()) <= SCRAPS * float(area.sum()) and len(wide[3]) >= len(tight[3])
     wide_first = scraps and not _refused(wide[1], unexplained(mesh, wide[1], wide[0] * scale.reach_m))
     yield from (wide, tight) if wide_first else (tight, wide)
+
+
+def _candidate(mesh: TriangleMesh, near: tuple[FloatArray, IntArray], known: list[Surface], scale: _Scale, factor: float) -> _Candidate:
+    found = segmented(mesh, factor * scale.tolerance_m, known)
+    patches = without_roundings(mesh, found, factor * scale.reach_m, known)
+    sharp, fillets = without_fillets(mesh, found, factor * scale.tolerance_m, *near, scale.tolerance_m)
+    if fillets:
+        sharp, fillets = renumbered(without_roundings(mesh, sharp, factor * scale.reach_m, known), sharp, fillets)
+    return factor, patches, sharp if fillets else patches, fillets
 
 
 def _none(reason: str) -> Trued:
@@ -146,13 +166,15 @@ def _refused(patches: Patches, lost: float) -> str:
     return ""
 
 
-def _built(mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: _Scale, stands: Sequence[Resting], *, may_cut: bool) -> Trued:
-    """Fit, snap, cut, check; the first margin that passes."""
+def _built(
+    mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: _Scale, stands: Sequence[Resting], fillets: Sequence[Fillet] = (), *, may_cut: bool
+) -> Trued:  # fmt: skip
+    """Fit, snap, cut, round the edges, check; the first margin that passes."""
     fits, snaps = _fits(mesh, points, patches, scale, stands)
     middle = (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2
     local = TriangleMesh(vertices=(mesh.vertices - middle) * MILLIMETRES_PER_METRE, faces=mesh.faces)
-    regions = [local.vertices[rows] for rows in widened(mesh, patches, patches.surfaces if fits is None else fits, scale.reach_m)]
-    best = [_in_mm(s, middle) for s in (patches.surfaces if fits is None else fits)]
+    regions = [local.vertices[rows] for rows in widened(mesh, patches, fits, scale.reach_m)]
+    best = [_in_mm(s, middle) for s in fits]
     mm = MILLIMETRES_PER_METRE
     reason = ""
     if any(s.kind == SPHERE for s in best):  # heads that are no spheres come as rings of them, which cannot be cut with each other
@@ -168,22 +190,32 @@ def _built(mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: _Sca
         return _none(reason)
     if len(best) > MAX_SURFACES:
         return _none(f"{reason}{len(best)} surfaces, more than {MAX_SURFACES}")
+    if fillets:
+        used = points[sampled_rows(len(points), FIT_POINTS, 0)]
+        fillets = fitted_fillets(fillets, fits, used, PointToMesh(mesh).nearest(used).face, scale.tolerance_m)
+    beyond = [max((f.reach_m * mm for f in fillets if k in (f.first, f.second)), default=0.0) for k in range(len(best))]
     first = ""
-    for drawn in [best] + ([] if fits is None else [[_in_mm(s, middle) for s in patches.surfaces]]):
+    for drawn in [best, [_in_mm(s, middle) for s in patches.surfaces]]:
         for factor in MARGINS:
-            margin = factor * (scale.reach_m + scale.tolerance_m) * mm
-            solid = cell_solid(drawn, regions, [max(margin, 0.01 * factor * scale.size_m * mm)] * len(drawn), local)
-            problem = "the faces close no solid" if solid is None else _problem(solid, mesh, points, middle, scale)
+            margin = max(factor * (scale.reach_m + scale.tolerance_m) * mm, 0.01 * factor * scale.size_m * mm)
+            solid = cell_solid(drawn, regions, [margin + more for more in beyond], local)
+            problem = "" if solid is not None else "the faces close no solid"
+            if solid is not None and fillets:
+                solid = rounded(solid, fillets, drawn, local)
+                problem = "" if solid is not None else f"{len(fillets)} rounded edges could not be made"
+            problem = problem or _problem(solid, mesh, points, middle, scale)
             if not problem:
-                return _result(solid, middle, scale, snaps)
+                return _result(solid, middle, scale, snaps, fillets)
             first = first or problem
     return _none(reason + first)
 
 
 def _fits(
     mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: _Scale, stands: Sequence[Resting] = ()
-) -> tuple[list[Surface] | None, tuple[Snap, ...]]:
-    """The surfaces fitted to the measured points of their regions, away from borders, with relations applied; None where one cannot be."""
+) -> tuple[list[Surface], tuple[Snap, ...]]:
+    """The surfaces fitted to the measured points of their regions, away from borders, with relations applied. One with too few points stays as the
+    vertices of its patch have it.
+    """
     used = points[sampled_rows(len(points), FIT_POINTS, 0)]
     inner = _inner(mesh, patches.label)
     at = PointToMesh(mesh).nearest(used)
@@ -196,14 +228,16 @@ def _fits(
         if len(rows) < LOST:
             rows = np.flatnonzero(label == k)
         own = used[rows] if len(rows) >= LEAST_POINTS else nearest_points(stands, surface, scale.reach_m)
-        if len(own) < LEAST_POINTS:
-            return None, ()
-        fit = simplest(surface, own, scale.size_m)
-        if fit is None:
-            return None, ()
-        fits.append(fit)
+        fit = simplest(surface, own, scale.size_m) if len(own) >= LEAST_POINTS else None
+        fits.append(fit or _of_vertices(surface, mesh.vertices[np.unique(mesh.faces[patches.label == k])], scale))
     out, snaps = snapped(fits)
     return [f.surface for f in out], tuple(snaps)
+
+
+def _of_vertices(surface: Surface, vertices: FloatArray, scale: _Scale) -> Fit:
+    """The surface of a patch as it was found."""
+    sigma = max(scale.tolerance_m / 3, surface.rms_m)
+    return Fit(surface=surface, points=vertices, sigma_m=sigma, covariance=covariance(surface, vertices, sigma))
 
 
 def _inner(mesh: TriangleMesh, label: IntArray) -> BoolArray:
@@ -279,7 +313,7 @@ def triangles_of(solid: Any, middle: FloatArray, tolerance_m: float) -> tuple[Tr
     return TriangleMesh(vertices=mesh.vertices / MILLIMETRES_PER_METRE + middle, faces=mesh.faces, face_region=face), face
 
 
-def _result(solid: Any, middle: FloatArray, scale: _Scale, snaps: tuple[Snap, ...]) -> Trued:
+def _result(solid: Any, middle: FloatArray, scale: _Scale, snaps: tuple[Snap, ...], fillets: Sequence[Fillet] = ()) -> Trued:
     """The file, proved by reading it back, and the triangles of its faces in their order."""
     placed = moved_by(solid, middle * MILLIMETRES_PER_METRE)
     try:
@@ -304,7 +338,7 @@ def _result(solid: Any, middle: FloatArray, scale: _Scale, snaps: tuple[Snap, ..
         n_solids=found.n_solids, n_free_edges=found.n_free_edges, face_centre=found.face_centre, face_area=found.face_area,
     )  # fmt: skip
     boxed = with_exact_box(brep, placed, mesh, OCC_RESOLUTION_M)
-    return Trued(brep=boxed, mesh=mesh, reason="", snaps=snaps, how=_told(snaps, brep))
+    return Trued(brep=boxed, mesh=mesh, reason="", snaps=snaps, how=_told(snaps, brep, fillets))
 
 
 def _in_m(surface: Surface, middle: FloatArray) -> Surface:
@@ -328,8 +362,9 @@ def _order(mesh: TriangleMesh, face: IntArray, found: ReadBack) -> IntArray | No
     return order if len(np.unique(order)) == n else None
 
 
-def _told(snaps: Sequence[Snap], brep: Brep) -> dict[str, Any]:
+def _told(snaps: Sequence[Snap], brep: Brep, fillets: Sequence[Fillet]) -> dict[str, Any]:
     kinds = {kind: brep.face_kinds.count(kind) for kind in sorted(set(brep.face_kinds))}
-    return {"faces": kinds, "snaps": sum(s.applied for s in snaps), "refused": sum(not s.applied for s in snaps)}
+    radii = {"fillets": [{"radius_m": f.radius_m, "std_m": f.std_m} for f in fillets]} if fillets else {}
+    return radii | {"faces": kinds, "snaps": sum(s.applied for s in snaps), "refused": sum(not s.applied for s in snaps)}
 
 

@@ -1,5 +1,7 @@
-"""Rounded edges: where a ball rolls along two faces. They are told among the patches, left out while cells are cut (a fillet touches its faces without an
-angle, which cannot be cut), and made again on the solid of sharp edges.
+"""Rounded edges: where a ball rolls along two faces.
+
+They are told among the patches, left out while cells are cut (a fillet touches its faces without an angle, which cannot be cut), and made again on the
+solid of sharp edges.
 """
 
 from __future__ import annotations
@@ -33,9 +35,9 @@ SAMPLES = 5  # points along an edge
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Fillet(Value):
-    """first, second : numbers of the surfaces that it touches.   radius_m, std_m : of the ball.   sense : +1 of a rounded ridge, -1 of a filled corner.
+    """first, second : numbers of the surfaces that it touches.   radius_m, std_m : of the ball.
 
-    faces : (k,) of the mesh.   reach_m : from where it leaves its faces to where these meet.
+    sense : +1 of a rounded ridge, -1 of a filled corner.   faces : (k,) of the mesh.   reach_m : from where it leaves its faces to where these meet.
     """
 
     first: int
@@ -104,8 +106,8 @@ def without_fillets(
 ) -> tuple[Patches, tuple[Fillet, ...]]:
     """The patches without those that a ball rolling along two others leaves, and these; pieces of one fillet are put together.
 
-    points, face : (n, 3) measured and (n,) the face of the mesh next to each: they tell a fillet from a sharp edge that the surface has rounded, whose
-    points lie on its two faces, within `noise_m`.
+    points, face : (n, 3) measured and (n,) the face of the mesh next to each: they tell a fillet from a sharp edge that the surface has
+    rounded, whose points lie on its two faces, within `noise_m`.
     """
     own, other, length = _borders(mesh, patches.label)
     surfaces, n = patches.surfaces, len(patches.surfaces)
@@ -117,7 +119,7 @@ def without_fillets(
         ball = None if surfaces[k].kind == PLANE else _ball(mesh, surfaces, area, k, _beside(own, other, length, k, found), corners, tolerance_m)
         if ball is not None and _is_round(points[of_point == k], surfaces[ball[0]], surfaces[ball[1]], noise_m):
             found[k] = ball
-    for k in _corners(mesh, patches, own, other, length, area, found):
+    for k in _corners(n, own, other, length, area, found):
         found.setdefault(k, (-1, -1, 0.0, 0))
     if not found:
         return patches, ()
@@ -133,7 +135,7 @@ def without_fillets(
 
 
 def renumbered(patches: Patches, before: Patches, fillets: Sequence[Fillet]) -> tuple[Patches, tuple[Fillet, ...]]:
-    """Fillets with the numbers that their faces have in `patches`, which were `before` until some were given up; a fillet without its faces is none."""
+    """Fillets with the numbers that their faces have in `patches`, which were `before` until some were given up; one that lost a face is none."""
     number = np.full(len(before.surfaces) + 1, -1, np.int64)
     number[before.label] = patches.label  # one number each: patches are kept or given up whole
     kept = [f for f in fillets if number[f.first] >= 0 and number[f.second] >= 0]
@@ -158,7 +160,7 @@ def _together(
     first, second = patches.surfaces[a], patches.surfaces[b]
     radius, std, _ = _best_radius(first, second, float(np.median([found[k][2] for k in members])), sense, points, tolerance)
     return Fillet(
-        first=int(packed[a]), second=int(packed[b]), radius_m=radius, std_m=std, sense=sense, faces=faces, reach_m=_reach(first, second, radius, sense),
+        first=int(packed[a]), second=int(packed[b]), radius_m=radius, std_m=std, sense=sense, faces=faces, reach_m=_reach(first, second, radius)
     )  # fmt: skip
 
 
@@ -192,12 +194,12 @@ def _ball(
             if rolled(surfaces[a], surfaces[b], start, own.sense, corners) is None:
                 continue
             radius, _, off = _best_radius(surfaces[a], surfaces[b], start, own.sense, corners, tolerance)
-            if off <= tolerance and _reach(surfaces[a], surfaces[b], radius, own.sense) < LONGEST * size and area[k] < area[a] + area[b]:
+            if off <= tolerance and _reach(surfaces[a], surfaces[b], radius) < LONGEST * size and area[k] < area[a] + area[b]:
                 return a, b, radius, own.sense
     return None
 
 
-def _reach(first: Surface, second: Surface, radius: float, sense: int) -> float:
+def _reach(first: Surface, second: Surface, radius: float) -> float:
     """How far from the fillet its two faces meet: of planes the length of the tangents, else the radius."""
     if first.kind == second.kind == PLANE:
         cosine = float(np.clip(first.axis @ second.axis, -1, 1))
@@ -206,11 +208,11 @@ def _reach(first: Surface, second: Surface, radius: float, sense: int) -> float:
 
 
 def _corners(
-    mesh: TriangleMesh, patches: Patches, own: IntArray, other: IntArray, length: FloatArray, area: FloatArray, found: dict[int, tuple[int, int, float, int]]
+    n: int, own: IntArray, other: IntArray, length: FloatArray, area: FloatArray, found: dict[int, tuple[int, int, float, int]]
 ) -> list[int]:
     """Patches where fillets meet: small, most of their border to fillets or to what lies on no surface, and beside two fillets at least."""
     out = []
-    for k in range(len(patches.surfaces)):
+    for k in range(n):
         rows = own == k
         next_to = {j for j in np.unique(other[rows]).tolist() if j in found}
         if k in found or len(next_to) < 2:

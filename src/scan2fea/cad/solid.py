@@ -167,19 +167,26 @@ def _refused(patches: Patches, lost: float) -> str:
 
 
 def _built(
-    mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: _Scale, stands: Sequence[Resting], fillets: Sequence[Fillet] = (), *, may_cut: bool
-) -> Trued:  # fmt: skip
+    mesh: TriangleMesh,
+    points: FloatArray,
+    patches: Patches,
+    scale: _Scale,
+    stands: Sequence[Resting],
+    fillets: Sequence[Fillet] = (),
+    *,
+    may_cut: bool,
+) -> Trued:
     """Fit, snap, cut, round the edges, check; the first margin that passes."""
-    fits, snaps = _fits(mesh, points, patches, scale, stands)
+    fits, snaps, is_whole = _fits(mesh, points, patches, scale, stands)
     middle = (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2
     local = TriangleMesh(vertices=(mesh.vertices - middle) * MILLIMETRES_PER_METRE, faces=mesh.faces)
     regions = [local.vertices[rows] for rows in widened(mesh, patches, fits, scale.reach_m)]
-    best = [_in_mm(s, middle) for s in fits]
+    best, as_found = [_in_mm(s, middle) for s in fits], [_in_mm(s, middle) for s in patches.surfaces]
     mm = MILLIMETRES_PER_METRE
     reason = ""
     if any(s.kind == SPHERE for s in best):  # heads that are no spheres come as rings of them, which cannot be cut with each other
         turned, reason = turned_solid(
-            local, (points - middle) * mm, patches, best, scale.spacing_m * mm, scale.noise_m * mm, scale.reach_m * mm
+            local, (points - middle) * mm, patches, best if is_whole else as_found, scale.spacing_m * mm, scale.noise_m * mm, scale.reach_m * mm
         )  # fmt: skip
         if turned is not None:
             reason = _problem(turned, mesh, points, middle, scale)
@@ -195,7 +202,7 @@ def _built(
         fillets = fitted_fillets(fillets, fits, used, PointToMesh(mesh).nearest(used).face, scale.tolerance_m)
     beyond = [max((f.reach_m * mm for f in fillets if k in (f.first, f.second)), default=0.0) for k in range(len(best))]
     first = ""
-    for drawn in [best, [_in_mm(s, middle) for s in patches.surfaces]]:
+    for drawn in (best, as_found):
         for factor in MARGINS:
             margin = max(factor * (scale.reach_m + scale.tolerance_m) * mm, 0.01 * factor * scale.size_m * mm)
             solid = cell_solid(drawn, regions, [margin + more for more in beyond], local)
@@ -212,9 +219,9 @@ def _built(
 
 def _fits(
     mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: _Scale, stands: Sequence[Resting] = ()
-) -> tuple[list[Surface], tuple[Snap, ...]]:
+) -> tuple[list[Surface], tuple[Snap, ...], bool]:
     """The surfaces fitted to the measured points of their regions, away from borders, with relations applied. One with too few points stays as the
-    vertices of its patch have it.
+    vertices of its patch have it; the last value tells whether there was none.
     """
     used = points[sampled_rows(len(points), FIT_POINTS, 0)]
     inner = _inner(mesh, patches.label)
@@ -223,15 +230,17 @@ def _fits(
     label = np.where(near, patches.label[at.face], -1)
     deep = near & inner[at.face]
     fits: list[Fit] = []
+    is_whole = True
     for k, surface in enumerate(patches.surfaces):
         rows = np.flatnonzero((label == k) & deep)
         if len(rows) < LOST:
             rows = np.flatnonzero(label == k)
         own = used[rows] if len(rows) >= LEAST_POINTS else nearest_points(stands, surface, scale.reach_m)
         fit = simplest(surface, own, scale.size_m) if len(own) >= LEAST_POINTS else None
+        is_whole = is_whole and fit is not None
         fits.append(fit or _of_vertices(surface, mesh.vertices[np.unique(mesh.faces[patches.label == k])], scale))
     out, snaps = snapped(fits)
-    return [f.surface for f in out], tuple(snaps)
+    return [f.surface for f in out], tuple(snaps), is_whole
 
 
 def _of_vertices(surface: Surface, vertices: FloatArray, scale: _Scale) -> Fit:

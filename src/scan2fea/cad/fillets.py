@@ -1,7 +1,7 @@
 """Rounded edges: where a ball rolls along two faces.
 
-They are told among the patches, left out while cells are cut (a fillet touches its faces without an angle, which cannot be cut), and made again on the
-solid of sharp edges.
+They are told among the patches, left out while cells are cut (a fillet touches its faces without an angle, which cannot be cut), and made again on
+the solid of sharp edges.
 """
 
 from __future__ import annotations

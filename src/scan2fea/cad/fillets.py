@@ -112,7 +112,7 @@ def without_fillets(
     own, other, length = _borders(mesh, patches.label)
     surfaces, n = patches.surfaces, len(patches.surfaces)
     of_point = patches.label[face]
-    area = np.bincount(patches.label[patches.label >= 0], weights=face_areas(mesh)[patches.label >= 0], minlength=n)
+    area = np.bincount(patches.label[patches.label >= 0], weights=face_areas(mesh)[patches.label >= 0], minlength=n).astype(float)
     found: dict[int, tuple[int, int, float, int]] = {}
     for k in np.argsort(area, kind="stable").tolist():
         corners = mesh.vertices[np.unique(mesh.faces[patches.label == k])]

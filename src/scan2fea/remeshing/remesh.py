@@ -72,6 +72,22 @@ class Remeshed(Value):
     relaxed: str = ""
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Aim:
+    """What the triangles should be. edge_m, finest_m : where the surface is flat, and where it bends or is thin.   drift_m : how far they may stray.
+
+    crease_deg : edges that turn by more are kept.
+    """
+
+    edge_m: float
+    finest_m: float
+    drift_m: float
+    crease_deg: float
+
+    def finer(self) -> _Aim:
+        return replace(self, edge_m=FINER * self.edge_m, finest_m=FINER * self.finest_m, drift_m=FINER * self.drift_m)
+
+
 def remesh(mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spacing_m: float, sigma_m: float) -> Remeshed:
     """A surface of well shaped triangles that follows `mesh` within its noise.
 
@@ -88,20 +104,17 @@ def remesh(mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spac
         edge = options.edge_m or EDGE_SPACINGS * spacing_m
         finest, drift = min(spacing_m, edge), max(sigma_m, DRIFT * spacing_m, 4 * CHORD * (options.edge_m or 0.0))
         found = _flat(mesh, options, spacing_m, sigma_m, edge)
-    flat, planes = found.mesh, found.planes
     crease_deg = CREASE_DEG if sigma_m < EXACT_SCAN * spacing_m else 180.0  # in noise every edge may be sharp
+    aim = _Aim(edge_m=edge, finest_m=finest, drift_m=drift, crease_deg=crease_deg)
+    result, taken_back, relaxed_how = _fit(found, aim, options)
     far = LOST_SIGMAS * sigma_m + LOST_SPACINGS * spacing_m
-    is_bound = not options.rounds or options.edge_m is not None  # by what the user asked for
-    result, taken_back = _even(flat, planes, edge, finest, crease_deg, drift, options, np.inf if is_bound else far)
-    if not is_bound and _worn(result, flat, far) > 1:
+    if options.rounds and not options.edge_m and _worn(result, found.mesh, far) > 1:
         # thin walls were cut short, or curves that the budget of faces cannot follow: finer triangles that may stray less
         more_faces = replace(options, max_faces=options.max_faces or MORE_FACES)
-        finer, more = _even(flat, planes, FINER * edge, FINER * finest, crease_deg, FINER * drift, more_faces, np.inf)
-        if _worn(finer, flat, far) < _worn(result, flat, far):
-            result, taken_back = finer, taken_back + more
-    result, relaxed_how = relaxed_by(options.relax, result, options.relaxations, drift)
-    planes = () if options.relax.endswith("free") else planes
-    result = meshable(on_planes(result, planes))
+        finer, more, how = _fit(found, aim.finer(), more_faces)
+        if _worn(finer, found.mesh, far) < _worn(result, found.mesh, far):
+            result, taken_back, relaxed_how = finer, taken_back + more, how
+    planes = () if options.relax.endswith("free") else found.planes
     if planes and len(self_intersections(result)):
         # planes that cross each other in the noise: free form follows the surface without them
         return remesh(mesh, replace(options, planes=False), spacing_m=spacing_m, sigma_m=sigma_m)
@@ -124,27 +137,23 @@ def _worn(mesh: TriangleMesh, surface: TriangleMesh, far_m: float) -> float:
     return max(abs(volume(mesh) / volume(surface) - 1) / VOLUME_DRIFT, lost / LOST)
 
 
-def _even(
-    flat: TriangleMesh,
-    planes: tuple[Plane, ...],
-    edge_m: float,
-    finest_m: float,
-    crease_deg: float,
-    drift_m: float,
-    options: RemeshOptions,
-    far_m: float,
-) -> tuple[TriangleMesh, int]:
+def _fit(found: Flattened, aim: _Aim, options: RemeshOptions) -> tuple[TriangleMesh, int, str]:
+    """Even triangles that a mesher can use, how many steps were taken back, and what Lloyd or ODT did."""
+    even, taken_back = _even(found.mesh, found.planes, aim, options)
+    even, relaxed_how = relaxed_by(options.relax, even, options.relaxations, aim.drift_m)
+    return meshable(even if options.relax.endswith("free") else on_planes(even, found.planes)), taken_back, relaxed_how
+
+
+def _even(flat: TriangleMesh, planes: tuple[Plane, ...], aim: _Aim, options: RemeshOptions) -> tuple[TriangleMesh, int]:
     """`flat` with triangles of even size, and how many steps were taken back. Where free form keeps crossing itself, a spike or a pit is in the way:
     it is relaxed in the surface that is followed, and all is done again; the result with the fewest poor faces stays.
-
-    far_m : a result that loses too many vertices by this distance is given up at once.
     """
     best, best_poor, taken_back = flat, np.inf, 0
     surface = flat
     for restart in range(RESTARTS):
-        is_sharp = sharp_edges(surface, crease_deg)
-        goal = edge_goal(surface, is_sharp, edge_m, finest_m, options.max_faces or FACES)
-        give = max(drift_m, CHORD * float(np.median(goal)))
+        is_sharp = sharp_edges(surface, aim.crease_deg)
+        goal = edge_goal(surface, is_sharp, aim.edge_m, aim.finest_m, options.max_faces or FACES)
+        give = max(aim.drift_m, CHORD * float(np.median(goal)))
         guide = Guide(surface=free_form(surface), creases=crease_guide(surface, is_sharp), planes=dict(enumerate(planes)), drift_m=give)
         work, trouble = isotropic(opened(surface, is_sharp, goal), guide, options.rounds)
         mesh = closed(work)
@@ -153,7 +162,7 @@ def _even(
         is_last = poor > 0.5 * best_poor  # going on helps little
         if poor < best_poor:
             best, best_poor = mesh, poor
-        if len(trouble) < RETRIES or not poor or is_last or (far_m < np.inf and _worn(mesh, flat, far_m) > 1):
+        if len(trouble) < RETRIES or not poor or is_last:
             break
         near = np.zeros(len(surface.vertices), bool)
         for crossed in trouble:

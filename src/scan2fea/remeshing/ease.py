@@ -15,8 +15,9 @@ FLAT_DEG = AIM_DEG + 1.0
 
 
 def worst_dihedral(tets: TetMesh) -> float:
-    """Smallest dihedral angle of all tets, degrees."""
-    return float(tet_dihedrals(tets.nodes, tets.tets).min(initial=180.0))
+    """How near a dihedral angle of the tets comes to 0 or to 180 degrees, either of which is flat; degrees."""
+    angles = tet_dihedrals(tets.nodes, tets.tets)
+    return float(np.minimum(angles, 180 - angles).min(initial=90.0))
 
 
 def eased(mesh: TriangleMesh, tets: TetMesh, *, attempt: int) -> TriangleMesh:
@@ -25,7 +26,8 @@ def eased(mesh: TriangleMesh, tets: TetMesh, *, attempt: int) -> TriangleMesh:
     Free form moves; from the second attempt on the planes next to a flat tet give way too. Needles and folds that this leaves are taken out.
     The mesh itself where nothing can move or faces would cross.
     """
-    flat = tet_dihedrals(tets.nodes, tets.tets).min(axis=1) < FLAT_DEG
+    angles = tet_dihedrals(tets.nodes, tets.tets)
+    flat = np.minimum(angles, 180 - angles).min(axis=1) < FLAT_DEG
     corners = np.unique(tets.nodes[np.unique(tets.tets[flat, :4])], axis=0)
     at = {tuple(v): k for k, v in enumerate(mesh.vertices.tolist())}
     vertices = np.array([at[tuple(c)] for c in corners.tolist() if tuple(c) in at], np.int64)

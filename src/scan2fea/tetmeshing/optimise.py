@@ -1,7 +1,7 @@
 """The driver of the four optimisers inside a fixed boundary: ODT, Lloyd, perturbation, exudation, in this or the thesis's order.
 
-What is returned is never worse, in its smallest dihedral angle, than what was given: each step is undone where it lowers it. The boundary stays
-as it is, to the last bit, its triangles too.
+What is returned is never worse than what was given, in its smallest dihedral angle and in how near one comes to 0 or 180 degrees: a step is undone
+where it is. The boundary stays as it is, to the last bit, its triangles too.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def optimised(nodes: FloatArray, tets: IntArray, options: OptimiseOptions = Opti
         if float(all_qualities(work).min()) >= _quality(options.target_deg) or late:
             break
         trial, done = steps[name](_copy(work), options)
-        kept = _flattest(trial) >= _flattest(work)
+        kept = all(now >= before for now, before in zip(_flattest(trial), _flattest(work), strict=True))
         work = trial if kept else work
         log.append({"step": name, **_told(work), "done": done if kept else {"undone": 1}})
     found, packed, used = closed(work)
@@ -99,9 +99,11 @@ def _quality(angle_deg: float) -> float:
     return float(1 - np.cos(np.radians(angle_deg)))
 
 
-def _flattest(work: Work) -> float:
+def _flattest(work: Work) -> tuple[float, float]:
+    """The smallest dihedral angle, and how near one comes to 0 or to 180 degrees."""
     nodes, tets, _ = closed(work)
-    return float(tet_dihedrals(nodes, tets).min())
+    angles = tet_dihedrals(nodes, tets)
+    return float(angles.min()), float(np.minimum(angles, 180 - angles).min())
 
 
 def _told(work: Work) -> dict[str, Any]:

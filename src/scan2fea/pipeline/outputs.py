@@ -13,6 +13,7 @@ import numpy as np
 from scan2fea.cad import assembly
 from scan2fea.errors import StageError, UsageError
 from scan2fea.fea import write_bdf, write_inp
+from scan2fea.fea.shell import write_shell_inp
 from scan2fea.fea.wireframe import frame_result_rows, write_frame_inp
 from scan2fea.io import write_cloud_ply, write_mesh_ply, write_msh, write_stl, write_text, write_vtu
 from scan2fea.io.artifacts import load
@@ -101,6 +102,8 @@ def write_object(made: Made, folder: Path, config: Config) -> list[str]:
     if made.model is not None and made.member is not None:
         with contextlib.suppress(StageError):  # of a member that is no straight beam there is none; its solid stands by itself
             write_text(folder / "model_beam.inp", write_frame_inp(frame_of([made.member], config.fea)[0], units))
+        with contextlib.suppress(StageError):  # nor are thick walls shells
+            write_text(folder / "model_shell.inp", write_shell_inp(made.member, config.fea, units))
     return sorted(path.name for path in folder.iterdir() if path.is_file())
 
 

@@ -1,7 +1,7 @@
 """A thin-walled member as shells on the middles of its walls, and its deck (model_shell.inp): S8R, which CalculiX and Abaqus both have.
 
-Walls meet in the lines where their middles cross; the thickness of each wall is that of the member. Held at its first end, under its own weight, pulled,
-bent about both axes and twisted at its last, and its modes.
+Walls meet in the lines where their middles cross; the thickness of each wall is that of the member. Held at its first end, under its own weight,
+pulled, bent about both axes and twisted at its last, and its modes.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def _chains(family: str, d: Mapping[str, float]) -> tuple[list[FloatArray], list
 
 
 def end_forces(model: ShellModel, force_n: float) -> dict[str, FloatArray]:
-    """Of each case of a member the forces (len(last), 3) on the nodes of its last end: `force_n` along z, x, y of the section, and times 1 m about z."""
+    """Of each case of a member the forces (len(last), 3) on its last end: `force_n` along z, x, y of the section, and times 1 m about z."""
     x, y, z = model.axes.T
     at = model.nodes[model.last]
     arm = np.cross(z, at - model.weight @ at)

@@ -1,6 +1,6 @@
 """A bracket with bores to a checked model
 
-A free form: points on a bracket with two bores, half a millimetre of noise. `run` finds its planes and cylinders, makes a solid of true faces, a
+A free form: points on a bracket with two bores, 0.2 mm of noise. `run` finds its planes and cylinders, makes a solid of true faces, a
 mesh and a deck, solves it and checks all of it against the points. The picture is one of the report: the faces, named as in the deck.
 """
 

@@ -42,9 +42,9 @@ class Kit:
         return json.loads((self.folder / name).read_text(encoding="utf-8"))
 
     def report_picture(self, out: Path, title: str) -> None:
-        """The first picture of OUT/report.html below this title."""
+        """The picture of OUT/report.html with this title."""
         page = (out / "report.html").read_text(encoding="utf-8")
-        found = re.search(r'data:image/png;base64,([^"]+)', page[page.index(f">{title}<") :])
+        found = re.search(r'data:image/png;base64,([^"]+)', page[page.index(f'class="title">{title}<') :])
         assert found is not None
         self.picture = base64.b64decode(found[1])
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from scan2fea.kernel.measures import volume
@@ -11,7 +13,7 @@ from scan2fea.simulation.shapes import posed
 from scan2fea.simulation.solids import Scene, Solid
 from scan2fea.simulation.stations import StationsOptions, scan_stations
 from scan2fea.simulation.touching import is_member, stations_around, touching_room
-from scan2fea.types import FloatArray, IntArray
+from scan2fea.types import FloatArray, IntArray, Value
 
 POINT_CLASSES = ("floor", "wall", "member", "body", "clutter")
 _CLEAR_M = 0.9
@@ -19,8 +21,24 @@ _BUSHES = 3
 _UP = (0.0, 0.0, 1.0)
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FurnishedRoom(Value):
+    """points : (n, 3).   solid : (n,) what each lies on, -1 leaves.   names, classes : of the solids, the class a number in POINT_CLASSES."""
+
+    points: FloatArray
+    solid: IntArray
+    names: tuple[str, ...]
+    classes: tuple[int, ...]
+
+
 def classed_room(seed: int) -> tuple[FloatArray, IntArray]:
     """(n, 3) points of one scanned room and the (n,) class of each, a number in POINT_CLASSES."""
+    room = furnished_room(seed)
+    return room.points, np.append(room.classes, POINT_CLASSES.index("clutter"))[room.solid].astype(np.int64)
+
+
+def furnished_room(seed: int) -> FurnishedRoom:
+    """A structure of members that touch, bodies and heaps beside it, bushes behind, none to two walls: seen from eight stations."""
     rng = np.random.default_rng([seed, 31])
     spacing = float(rng.uniform(0.014, 0.03))
     structure = touching_room(seed, spacing, with_floor=False)
@@ -41,11 +59,15 @@ def classed_room(seed: int) -> tuple[FloatArray, IntArray]:
     inside = Scene(name="inside", solids=tuple(solids))  # stations stand in the room, not behind its walls
     scans = scan_stations(scene, StationsOptions(positions_m=stations_around(inside, seed), noise_m=noise), seed)
     points = np.concatenate([scan.cloud.points for scan in scans])
-    label = np.concatenate([np.array(classes)[scan.cloud.label] for scan in scans if scan.cloud.label is not None])
+    label = np.concatenate([scan.cloud.label for scan in scans if scan.cloud.label is not None])
     bushes = [_bush(np.array([rng.uniform(low[0], high[0]), high[1] + rng.uniform(0.3, 0.9)]), spacing, rng) for _ in range(_BUSHES)]
     points = np.concatenate([points, *bushes])
-    bush = POINT_CLASSES.index("clutter")
-    return points, np.concatenate([label, np.full(len(points) - len(label), bush)]).astype(np.int64)
+    return FurnishedRoom(
+        points=points,
+        solid=np.concatenate([label, np.full(len(points) - len(label), -1)]).astype(np.int64),
+        names=tuple(solid.name for solid in scene.solids),
+        classes=tuple(classes),
+    )
 
 
 def _solid(name: str, kind: str, values: dict[str, object], R: FloatArray, origin: FloatArray, spacing: float) -> Solid:

@@ -5,6 +5,8 @@ import pytest
 
 from scan2fea.kernel.transforms import random_rotation
 from scan2fea.segmentation import segment_scene
+from scan2fea.segmentation.planes import Plane
+from scan2fea.segmentation.walls import _faces
 from scan2fea.types import PointCloud, Scan
 
 H = 0.03
@@ -56,3 +58,16 @@ def test_a_container_along_the_edge_of_the_floor_is_no_wall():
     label = np.bincount(found.labels[truth == 3] + 1).argmax() - 1
     assert found.kinds[label] == "object"
     assert (found.labels[truth == 3] == label).mean() > 0.9
+
+
+def test_a_plane_aslant_through_a_slab_becomes_its_outer_face():
+    slab = np.concatenate([sheet([0, 0, 0], [4, 0, 0], [0, 0, 2], 1), sheet([0, 0.1, 0], [4, 0, 0], [0, 0, 2], 2)])
+    tilt = np.arctan(0.1 / 4)
+    normal = np.array([-np.sin(tilt), np.cos(tilt), 0.0])
+    face, depth = _faces(Plane(normal=normal, offset=0.0, sigma_m=0.03, share=1.0), slab)
+    assert face.normal @ [0, 1, 0] > 0.999999
+    assert abs(face.offset) < 3e-4
+    assert 0.1 < depth < 0.11
+    one = slab[: len(slab) // 2]
+    plane = Plane(normal=np.array([0.0, 1, 0]), offset=0.0, sigma_m=0.001, share=1.0)
+    assert _faces(plane, one) == (plane, 0.0)

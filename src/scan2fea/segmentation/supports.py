@@ -9,8 +9,8 @@ are large planes too, so size decides nothing. What decides, for a plane of a co
    footprint's axes (the fourth may lie in the scanner's shadow; in all four where the plane itself stands on another support). The web
    on a flange, the other leg of an angle run out at the ends of the plane;
 4. the plane is at least as wide as that thing is tall: a column on its base plate is one object, a column on a floor is not part of it;
-5. without a known sensor: no more than six tenths of the border of the plane are lined by walls going up (a box seen from outside with a pocket in its
-   face, and a room seen from inside, are then the same points); where two things or more stand clear, at least a quarter of it is open.
+5. without a known sensor: no more than six tenths of the border of the plane are lined by walls going up (a box seen from outside with a
+   pocket in its face, and a room seen from inside, are then the same points); where two things or more stand clear, three quarters.
 
 What carries things is followed by the walls that bound them (`walls`).
 """
@@ -30,7 +30,7 @@ from scan2fea.types import FloatArray, IntArray, Value
 
 _BEHIND = 0.05
 _BODY = 0.5
-_LINED, _LINED_BUSY = 0.6, 0.75  # two walls of four line half of it, and what stands in their corner a little more
+_LINED, _LINED_BUSY = 0.6, 0.75  # two walls of four line half of it, what leans in their corner a little more
 _PARALLEL = 0.95
 _MOST = 8  # supports per scene
 

@@ -22,6 +22,7 @@ _BEYOND = 0.02
 _LONG, _TALL = 0.8, 0.25  # of the floor's smaller side
 _RIM = 2.0  # radii: depth of the upper border
 _CAPPED = 0.25
+_FITS, _MAD, _THINNER, _FACE = 8, 1.4826, 5.0, 0.2
 _SLAB, _PARALLEL = 0.05, 0.995
 _TAIL = 0.01
 
@@ -37,12 +38,41 @@ def wall_among(
         if abs(float(plane.normal @ floor.normal)) > _UPRIGHT:
             continue
         inward = plane if (plane.height(points) > plane.band_m).mean() > 0.5 else plane.flipped()
+        inward, other = _faces(inward, points[part])
         if not _bounds(inward, points, part, sensors):
             continue
-        depth = _depth(inward, planes, floor, points[part])
+        depth = max(_depth(inward, planes, floor, points[part]), other)
         if _is_sheet_on_floor(inward, depth, points[part], floor, width_m, radius_m):
             return inward, depth
     return None
+
+
+def _faces(plane: Plane, points: FloatArray) -> tuple[Plane, float]:
+    """The outer face, and the depth of the inner one, of a plane that was laid aslant through both faces of a slab; else the plane itself and 0.
+
+    Seen along the plane's normal the outer face lies below the inner one everywhere, so the lower half of the points is nearly all of it.
+    """
+    on = points[np.abs(plane.height(points)) <= plane.band_m]
+    if len(on) < 3:
+        return plane, 0.0
+    height = plane.height(on)
+    kept = height <= np.median(height)
+    face = plane
+    for _ in range(_FITS):
+        middle = on[kept].mean(axis=0)
+        normal = np.linalg.eigh((on[kept] - middle).T @ (on[kept] - middle))[1][:, 0]
+        normal = normal if normal @ plane.normal > 0 else -normal
+        height = (on - middle) @ normal
+        sigma = _MAD * float(np.median(np.abs(height[kept])))
+        face = Plane(normal=normal, offset=float(middle @ normal), sigma_m=max(sigma, 1e-3 * plane.sigma_m), share=plane.share * float(kept.mean()))
+        kept = np.abs(height) <= face.band_m
+        if kept.sum() < 3:
+            return plane, 0.0
+    inner = height[height > face.band_m]
+    if _THINNER * face.sigma_m > plane.sigma_m or len(inner) < _FACE * len(on):
+        return plane, 0.0
+    apart = float(np.median(inner))
+    return face, apart + max(face.band_m, 4.0 * _MAD * float(np.median(np.abs(inner - apart))))
 
 
 def _depth(plane: Plane, planes: Sequence[Plane], floor: Plane, points: FloatArray) -> float:

@@ -1,3 +1,4 @@
+import importlib
 import subprocess
 import sys
 
@@ -55,3 +56,17 @@ def test_folder_of_others_is_left_alone(tmp_path):
 
 def test_resume_of_nothing_is_two(tmp_path):
     assert main(["run", str(tmp_path / "none.ply"), "-o", str(tmp_path / "out"), "--resume"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "says"), [(["run", "a.ply", "-o", "O"], "--resume"), (["thesis"], "the same command"), (["info", "a.ply"], "interrupted\n")]
+)
+def test_an_interruption_tells_how_to_go_on_where_there_is_a_way(words, says, monkeypatch, capsys):
+    def stopped(_):
+        raise KeyboardInterrupt
+
+    module = importlib.import_module(f"scan2fea.cli.{words[0]}_command")
+    monkeypatch.setattr(module, "execute", stopped)
+    assert main(words) == 130
+    told = capsys.readouterr().err
+    assert says in told and ("--resume" in told) == (words[0] == "run")

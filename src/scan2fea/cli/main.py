@@ -17,6 +17,11 @@ from scan2fea.cli.parser import parser
 from scan2fea.errors import Scan2FeaError
 
 EXIT_FAULT, EXIT_INTERRUPTED = 5, 130
+# of commands that keep what they made: how to go on
+GOES_ON = {
+    "run": ": `scan2fea run ... --resume` with the same OUT goes on from here",
+    "thesis": ": the same command with the same OUT goes on from here",
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -29,7 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(str(error))
         return error.exit_code
     except KeyboardInterrupt:
-        _say("interrupted: `scan2fea run ... --resume` with the same OUT goes on from here")
+        _say(f"interrupted{GOES_ON.get(given.command, '')}")
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -1,20 +1,24 @@
 """A member goes the way of estimation, and its files say what it is; what is none is reconstructed, with the reason."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from estimation.made import made
 from scan2fea.errors import UsageError
 from scan2fea.estimation.member import MemberOptions
 from scan2fea.io import write_scan_ply
-from scan2fea.kernel.sections import section
+from scan2fea.kernel.sections import section, section_area, section_area_slopes
 from scan2fea.pipeline.config import load_config
 from scan2fea.pipeline.members import told_after_all
 from scan2fea.pipeline.part import Made, Part
+from scan2fea.pipeline.results import assumed
 from scan2fea.pipeline.route import RouteOptions, estimate, known_section, route_of
 from scan2fea.pipeline.run import run
-from scan2fea.types import Check, PointCloud, Route, Scan
+from scan2fea.types import CatalogueEntry, Check, PointCloud, Route, Scan
+from scan2fea.verification.member import assumed_volume_std
 from scan2fea.verification.verdict import verdict
 
 SIZES = {"a": 0.16, "b": 0.1, "t": 0.012, "length": 0.9}
@@ -105,3 +109,19 @@ def test_a_member_given_up_stays_so_where_free_form_serves() -> None:
     made.refused = [_failed("its end was not seen")]
     assert told_after_all(made, "") == "" and made.member is None and not made.checks
     assert told_after_all(made, "stopped in the mesher") == "" and made.member is not None
+
+
+@pytest.mark.parametrize(("spread", "doubts"), [(0.0012, True), (0.0001, False)])
+@pytest.mark.parametrize("source", ["catalogue", "estimate"])
+def test_the_verdict_says_what_an_untold_wall_was_built_with_and_how_uncertain_the_volume_is(source, spread, doubts) -> None:
+    member = made("L", 3.0, {"a": 0.127, "b": 0.127, "t": 0.00794})
+    untold = replace(member.parameters[2], std_m=None, observable=False, source=source, spread_m=spread)
+    sizes = {name: p.value_m for name, p in zip("abt", member.parameters, strict=False)}
+    entry = CatalogueEntry(name="L5X5X5/16", probability=0.4, parameters=sizes, is_standard=True)
+    found = replace(member, parameters=(*member.parameters[:2], untold, *member.parameters[3:]), catalogue=(entry,))
+    slope = section_area_slopes("L", found.values())["t"] / section_area(section("L", found.values()))
+    assert assumed_volume_std(found) == pytest.approx(slope * spread)
+    told = assumed(found)
+    assert told.startswith("; not observable, built with t = 7.94 mm from ")
+    assert ("the catalogue (L5X5X5/16)" in told) == (source == "catalogue") and ("cannot vouch" in told) == (source == "estimate")
+    assert ("the volume is uncertain by 15%" in told) == doubts and ("at most 5%" in told) == doubts

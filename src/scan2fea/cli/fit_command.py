@@ -55,7 +55,8 @@ def _line(p: Parameter) -> str:
     std = "-" if p.std_m is None else f"{p.std_m * MILLIMETRES_PER_METRE:.3g}"
     digits = 3 if p.std_m is None else max(0, min(6, 2 - int(f"{max(p.std_m * MILLIMETRES_PER_METRE, 1e-9):e}".split("e")[1])))
     sources = {"fitted": "the points", "fixed": "given", "catalogue": "the catalogue (assumed)", "estimate": "an estimate (assumed)"}
-    source = sources.get(p.source, p.source)
+    off = "" if p.spread_m is None or p.observable else f", may be off by {p.spread_m * MILLIMETRES_PER_METRE:.2g} mm"
+    source = sources.get(p.source, p.source).replace("(assumed)", f"(assumed{off})")
     return f"  {p.name:<12}{p.value_m * MILLIMETRES_PER_METRE:>12.{digits}f}{std:>10}  {'yes' if p.observable else 'NO':<10}  {source}"
 
 

@@ -44,7 +44,7 @@ def response_section(item: Row) -> Html:
     if not rows:
         return missing
     answers = table(("load case: measure", "value", "expected", "error", "verdict"), rows)
-    return section("Response", _sentence(item), missing, answers, modes, told, _singular(fea), _sets(fea))
+    return section("Response", _sentence(item), missing, answers, modes, told, _singular(fea), _sets(fea), class_="part response")
 
 
 def _case_row(case: Row, limits: Row) -> list[Any]:
@@ -66,7 +66,7 @@ def _verdict(case: Row, limits: Row) -> Html | str:
         return NOT_KNOWN
     good = error <= limit
     sign, relation = ("\u2713", "\u2264") if good else ("\u2717", ">")
-    return tag("span", f"{sign} {relation} {percent(limit)}", class_="good" if good else "bad")
+    return tag("span", f"{sign} {relation} {number(100 * limit)} %", class_="good" if good else "bad")
 
 
 def _with_std(case: Row) -> str:

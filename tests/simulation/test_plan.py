@@ -14,10 +14,34 @@ from scan2fea.kernel.transforms import rigid
 from scan2fea.pipeline.plan import plan_scene
 from scan2fea.simulation.bounds import bounds_from_points, edge_information, length_bound, member_bounds, observable
 from scan2fea.simulation.sampling import SamplingOptions, sampled_solid
-from scan2fea.simulation.scene_file import scene_of
+from scan2fea.simulation.scene_file import read_scene, scene_of
 from scan2fea.simulation.shape_kinds import KINDS
 from scan2fea.simulation.shapes import posed
 from scan2fea.simulation.solids import Solid
+
+PICTURED = """
+[[object]]
+name = "bar"
+kind = "rect"
+b = "100 mm"
+t = "80 mm"
+length = 1
+[[sensor]]
+kind = "%s"
+positions_m = [[-1.5, 0.3, 0.2], [-1.4, -0.2, 0.8], [-1.5, 0.1, 1.2]]
+"""
+
+
+@pytest.mark.parametrize("kind", ["photogrammetry", "stereo"])
+def test_a_sensor_without_a_law_of_ranges_is_as_noisy_as_its_points_say(tmp_path, kind):
+    """No bound of a dimension is below the noise over the root of all points: pictures and sound were once planned as if they were exact."""
+    path = tmp_path / "scene.toml"
+    path.write_text(PICTURED % kind)
+    (bar,) = plan_scene(read_scene(path)).objects
+    assert bar.n_points > 0 and bar.sigma_m > 1e-4
+    for row in bar.dimensions:
+        assert row.std_m is None or row.std_m > 0.5 * bar.sigma_m / math.sqrt(bar.n_points)
+
 
 SCENE = """
 [[object]]

@@ -25,7 +25,7 @@ from scan2fea.simulation.scene_file import SceneFile
 from scan2fea.simulation.sensors import SENSORS
 from scan2fea.simulation.solids import Solid
 from scan2fea.simulation.visibility import Seen, seen_from
-from scan2fea.types import FloatArray, IntArray, Scan
+from scan2fea.types import FloatArray, IntArray, PointCloud, Scan
 
 _MOST_PLACES = 48
 
@@ -58,7 +58,7 @@ class PlannedObject:
     seen_share: float
     n_points: int
     spacing_m: float | None
-    sigma_m: float
+    sigma_m: float | None
     stations: tuple[PlannedStation, ...]
     dimensions: tuple[PlannedDimension, ...]
 
@@ -78,7 +78,7 @@ def plan_scene(given: SceneFile, *, seed: int = 0) -> Plan:
     check_scene(given.scene)
     names: list[str] = []
     scans: list[Scan] = []
-    laws: list[tuple[str, float, float]] = []  # law, size, size per metre of range: of each scan
+    laws: list[tuple[str, float, float]] = []  # law, size (nan: the points say), size per metre of range: of each scan
     for k, sensor in enumerate(given.sensors):
         positions = np.asarray(getattr(sensor.options, "positions_m", ()), float).reshape(-1, 3)
         require(len(positions) > 0, InputError, f"sensor {sensor.kind}: positions_m is empty: add where the sensor stands")
@@ -87,7 +87,7 @@ def plan_scene(given: SceneFile, *, seed: int = 0) -> Plan:
         names += [f"{sensor.kind}_{n:02d}" for n in range(len(made))]
         scans += made
         options = sensor.options
-        law = (getattr(options, "noise", "gaussian"), float(getattr(options, "noise_m", 0.0)), float(getattr(options, "noise_per_m", 0.0)))
+        law = (getattr(options, "noise", "gaussian"), float(getattr(options, "noise_m", math.nan)), float(getattr(options, "noise_per_m", 0.0)))
         laws += [law] * len(made)
     places = _places(scans)
     seen = seen_from(given.scene, np.concatenate(places), seed)
@@ -119,7 +119,7 @@ def _planned(
 ) -> PlannedObject:
     solid = given.scene.solids[k]
     own = seen.solid == k
-    points, sigmas, rays, counts = [], [], [], []
+    points, sigmas, rays, counts, is_pictured = [], [], [], [], False
     for scan, (law, size, per_m) in zip(scans, laws, strict=True):
         rows = np.flatnonzero(scan.cloud.label == k)
         counts.append(len(rows))
@@ -127,26 +127,38 @@ def _planned(
         away = scan.cloud.points[rows] - scan.rays.origin[scan.cloud.ray[rows]]  # type: ignore[union-attr]
         distance = np.linalg.norm(away, axis=1)
         rays.append(away / distance[:, None])
-        sigmas.append(noise_sd(law, 1.0) * np.hypot(size, per_m * distance))
+        told = _told(scan.cloud, rows)
+        own_noise = told if math.isnan(size) else np.hypot(np.nan_to_num(told), noise_sd(law, 1.0) * np.hypot(size, per_m * distance))
+        is_pictured |= bool((told > 0).any())
+        sigmas.append(own_noise)
     cloud, sigma = np.concatenate(points), np.concatenate(sigmas)
     share = float(seen.seen[own].any(axis=1).mean())
     stations = tuple(
         PlannedStation(name=name, seen_share=float(seen.seen[own][:, groups == n].any(axis=1).mean()), n_points=counts[n])
         for n, name in enumerate(names)
     )
-    is_isotropic = all(getattr(sensor.options, "noise_along", "ray") == "isotropic" for sensor in given.sensors)
-    typical = float(np.sqrt(np.mean(sigma**2))) if len(sigma) else 0.0
+    is_isotropic = is_pictured or all(getattr(sensor.options, "noise_along", "ray") == "isotropic" for sensor in given.sensors)
+    typical = float(np.sqrt(np.mean(sigma**2))) if len(sigma) else 0.0  # nan where a sensor does not say how noisy it is
     spacing = math.sqrt(share * area(solid.mesh) / len(cloud)) if len(cloud) and share > 0 else None
+    known = typical if math.isfinite(typical) else None
     return PlannedObject(
-        name=solid.name, kind=solid.shape.kind, seen_share=share, n_points=len(cloud), spacing_m=spacing, sigma_m=typical, stations=stations,
+        name=solid.name, kind=solid.shape.kind, seen_share=share, n_points=len(cloud), spacing_m=spacing, sigma_m=known, stations=stations,
         dimensions=_dimensions(solid, cloud, typical, None if is_isotropic else np.concatenate(rays)),
     )  # fmt: skip
+
+
+def _told(cloud: PointCloud, rows: IntArray) -> FloatArray:
+    """(n,) standard deviation, along and across together, that points still state where ranges are exact (pictures, sound); nan where none."""
+    if cloud.sigma_along_m is None:
+        return np.full(len(rows), np.nan)
+    across = np.zeros(len(rows)) if cloud.sigma_across_m is None else cloud.sigma_across_m[rows]
+    return np.asarray(np.hypot(cloud.sigma_along_m[rows], across))
 
 
 def _dimensions(solid: Solid, cloud: FloatArray, sigma_m: float, rays: FloatArray | None) -> tuple[PlannedDimension, ...]:
     """The bounds of a member from the points on each face of its section; of other objects none."""
     shape = solid.shape
-    if not shape.section or solid.defects:
+    if not shape.section or solid.defects or not math.isfinite(sigma_m):
         return ()
     T_shape_world = inverse(solid.T_world_shape)
     own, along = applied(T_shape_world, cloud), None if rays is None else rotated(T_shape_world, rays)

@@ -40,6 +40,7 @@ SMOOTH = 0.5  # share of the borders of patches without an angle: more is free f
 UNEXPLAINED = 0.004  # share of the area that may lie on no surface: more is free form
 SCRAPS = 0.01  # of the area: surfaces that a wider tolerance does without
 FIT_POINTS = 60_000
+LEFT_OUT = "a small face or step was lost"
 LOST = 30  # points: the least that a surface is fitted to
 VOLUME_OFF = 0.03  # of the volume of the surface: reconstructions of thin walls are a little too thick or thin
 CHORD = 0.1  # of the tolerance: how closely the solid is cut into triangles to be compared
@@ -202,18 +203,21 @@ def _built(
         fillets = fitted_fillets(fillets, fits, used, PointToMesh(mesh).nearest(used).face, scale.tolerance_m)
     beyond = [max((f.reach_m * mm for f in fillets if k in (f.first, f.second)), default=0.0) for k in range(len(best))]
     first = ""
-    for drawn in (best, as_found):
+    for drawn in (best,) if fillets else (best, as_found):
         for factor in MARGINS:
             margin = max(factor * (scale.reach_m + scale.tolerance_m) * mm, 0.01 * factor * scale.size_m * mm)
             solid = cell_solid(drawn, regions, [margin + more for more in beyond], local)
-            problem = "" if solid is not None else "the faces close no solid"
-            if solid is not None and fillets:
+            closed = solid is not None and is_valid(solid)
+            if closed and fillets:
                 solid = rounded(solid, fillets, drawn, local)
-                problem = "" if solid is not None else f"{len(fillets)} rounded edges could not be made"
-            problem = problem or _problem(solid, mesh, points, middle, scale)
+                if solid is None:  # wider faces meet in the same edges
+                    return _none(f"{reason}{len(fillets)} rounded edges could not be made")
+            problem = "the faces close no valid solid" if not closed else _problem(solid, mesh, points, middle, scale)
             if not problem:
                 return _result(solid, middle, scale, snaps, fillets)
-            first = first or problem
+            first = problem if problem.endswith(LEFT_OUT) else first or problem
+        if first.endswith(LEFT_OUT):  # the surfaces as they were found leave it out too
+            break
     return _none(reason + first)
 
 
@@ -295,7 +299,7 @@ def _problem(solid: Any, mesh: TriangleMesh, points: FloatArray, middle: FloatAr
         )
     lost = _lost(shown, mesh, points, scale)
     if lost:
-        return f"{lost} points side by side lie on the surface and off the true faces: a small face or step was lost"
+        return f"{lost} points side by side lie on the surface and off the true faces: {LEFT_OUT}"
     return ""
 
 

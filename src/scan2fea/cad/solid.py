@@ -40,6 +40,7 @@ SMOOTH = 0.5  # share of the borders of patches without an angle: more is free f
 UNEXPLAINED = 0.004  # share of the area that may lie on no surface: more is free form
 SCRAPS = 0.01  # of the area: surfaces that a wider tolerance does without
 FIT_POINTS = 60_000
+NO_FILLETS = "rounded edges could not be made"
 LEFT_OUT = "a small face or step was lost"
 LOST = 30  # points: the least that a surface is fitted to
 VOLUME_OFF = 0.03  # of the volume of the surface: reconstructions of thin walls are a little too thick or thin
@@ -207,18 +208,26 @@ def _built(
         for factor in MARGINS:
             margin = max(factor * (scale.reach_m + scale.tolerance_m) * mm, 0.01 * factor * scale.size_m * mm)
             solid = cell_solid(drawn, regions, [margin + more for more in beyond], local)
-            closed = solid is not None and is_valid(solid)
-            if closed and fillets:
-                solid = rounded(solid, fillets, drawn, local)
-                if solid is None:  # wider faces meet in the same edges
-                    return _none(f"{reason}{len(fillets)} rounded edges could not be made")
-            problem = "the faces close no valid solid" if not closed else _problem(solid, mesh, points, middle, scale)
+            solid, problem = _with_fillets(solid, fillets, drawn, local)
+            if problem == NO_FILLETS:  # wider faces meet in the same edges
+                return _none(f"{reason}{len(fillets)} {problem}")
+            problem = problem or _problem(solid, mesh, points, middle, scale)
             if not problem:
                 return _result(solid, middle, scale, snaps, fillets)
             first = problem if problem.endswith(LEFT_OUT) else first or problem
         if first.endswith(LEFT_OUT):  # the surfaces as they were found leave it out too
             break
     return _none(reason + first)
+
+
+def _with_fillets(solid: Any | None, fillets: Sequence[Fillet], drawn: Sequence[Surface], local: TriangleMesh) -> tuple[Any | None, str]:
+    """The solid with its fillets, and "", or why there is none."""
+    if solid is None or not is_valid(solid):
+        return None, "the faces close no valid solid"
+    if not fillets:
+        return solid, ""
+    made = rounded(solid, fillets, drawn, local)
+    return made, "" if made is not None else NO_FILLETS
 
 
 def _fits(

@@ -1,5 +1,7 @@
 """Members as shells: middles of walls against the areas of sections, the deck in CalculiX against beam theory."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -72,6 +74,15 @@ def test_the_deck_stands_where_the_member_stands_and_in_its_units():
     assert text == write_shell_inp(member("L", placed))
     assert "** units: m-N-Pa" in text and f"*NSET, NSET={LAST}" in text and text.count("*STEP") == 6
     assert "\n6.3500000000e+00\n" in write_shell_inp(member("L"), units=UNIT_SYSTEMS["mm-N-MPa"])
+
+
+def test_shells_follow_the_bow_of_the_member():
+    bent = replace(member("L"), bow=np.array([[-0.01], [0.0]]))
+    off = shell_model(bent).nodes - shell_model(member("L")).nodes
+    middle = np.isclose(shell_model(member("L")).nodes[:, 2], LENGTH / 2)
+    assert middle.any()
+    np.testing.assert_allclose(off[middle][:, 0], 0.005, atol=1e-12)  # -0.01 (3 t^2 - 1) / 2 at t = 0
+    np.testing.assert_allclose(off[:, 1], 0.0, atol=1e-12)
 
 
 def test_thick_walls_and_bars_are_no_shells():

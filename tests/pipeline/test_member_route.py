@@ -79,6 +79,7 @@ def test_a_member_runs_to_its_files(tmp_path) -> None:
     frame = json.loads((tmp_path / "out" / "frame.json").read_text())
     assert len(frame["members"]) == 1 and len(frame["nodes"]) == 2
     assert "A_OUTER" in (folder / "model.inp").read_text()
+    assert "*SHELL SECTION" in (folder / "model_shell.inp").read_text()
 
 
 def test_reconstruction_can_be_asked_for(tmp_path) -> None:

@@ -16,6 +16,7 @@ from scan2fea.errors import SolveError, require
 from scan2fea.fea.materials import chosen_material
 from scan2fea.fea.model import down_axis
 from scan2fea.fea.options import FeaOptions
+from scan2fea.kernel.sweep import sweep_of, swept_points
 from scan2fea.types import FloatArray, IntArray, Member, Value
 from scan2fea.units import UNIT_SYSTEMS, UnitSystem
 
@@ -74,9 +75,11 @@ def middle_lines(family: str, d: Mapping[str, float]) -> list[tuple[FloatArray, 
 
 
 def shell_model(member: Member) -> ShellModel:
-    """Raises SolveError where the member is bent, twisted or changes along its axis, or a wall is too thick for a shell."""
-    straight = member.change is None and not np.any(member.bow) and not np.any(member.twist)
-    require(straight, SolveError, "a member that is bent, twisted or changes along its axis is not made of shells")
+    """The shells lie where the member does, bow, twist and end planes included.
+
+    Raises SolveError where its section changes along its axis, or a wall is too thick for a shell.
+    """
+    require(member.change is None, SolveError, "a member whose section changes along its axis is not made of shells")
     values = member.values()
     lines, thickness = _chains(member.family, values)
     widths = [float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line in lines]
@@ -84,8 +87,8 @@ def shell_model(member: Member) -> ShellModel:
     require(thick * THIN <= 1, SolveError, f"a wall is {1 / thick:.2g} times as wide as thick, a shell at least {THIN:g} times")
     piece = min(w / ((len(line) - 1) // 2) for w, line in zip(widths, lines, strict=True))
     n_along = max(int(np.ceil(values["length"] / (LONG * piece))), 4)
-    z = np.linspace(0.0, values["length"], 2 * n_along + 1)
     places: list[FloatArray] = []
+    levels: list[int] = []
     elements: list[list[int]] = []
     wall: list[int] = []
     index: dict[tuple[int, ...], int] = {}
@@ -94,7 +97,8 @@ def shell_model(member: Member) -> ShellModel:
         key = (*np.round(at / (SAME * values["length"])).astype(np.int64).tolist(), level)
         if key not in index:
             index[key] = len(places)
-            places.append(np.array([*at, z[level]]))
+            places.append(at)
+            levels.append(level)
         return index[key]
 
     shares: dict[int, float] = {}
@@ -111,10 +115,12 @@ def shell_model(member: Member) -> ShellModel:
                 shares[end] = shares.get(end, 0.0) + share * area
     last = np.array(sorted(shares), np.int64)
     weight = np.array([shares[k] for k in last.tolist()])
-    local, T = np.array(places), np.asarray(member.T_world_member)
+    section, row = np.unique(np.array(places), axis=0, return_inverse=True)
+    level = np.array(levels)
+    world = swept_points(sweep_of(member), section, np.linspace(0.0, 1.0, 2 * n_along + 1))
     return ShellModel(
-        nodes=local @ T[:3, :3].T + T[:3, 3], elements=np.array(elements, np.int64), wall=np.array(wall, np.int64),
-        thickness_m=np.array(thickness), first=np.flatnonzero(local[:, 2] == 0.0), last=last, weight=weight / weight.sum(), axes=T[:3, :3],
+        nodes=world[level, row.ravel()], elements=np.array(elements, np.int64), wall=np.array(wall, np.int64), thickness_m=np.array(thickness),
+        first=np.flatnonzero(level == 0), last=last, weight=weight / weight.sum(), axes=np.asarray(member.T_world_member)[:3, :3],
     )  # fmt: skip
 
 

@@ -34,8 +34,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say(str(error))
         return error.exit_code
     except KeyboardInterrupt:
-        _say(f"interrupted{GOES_ON.get(given.command, '')}")
-        return EXIT_INTERRUPTED
+        return _interrupted(given.command)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
@@ -43,8 +42,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say("out of memory: give fewer points (filtering.voxel_m) or set input.memory_gib to what this machine has")
         return EXIT_FAULT
     except Exception as error:  # noqa: BLE001 - the last line of defence: a fault of ours is told, not shown as a traceback
+        if isinstance(error.__cause__ or error.__context__, KeyboardInterrupt):  # compiled code turns an interrupt into a SystemError
+            return _interrupted(given.command)
         _say(f"internal fault ({type(error).__name__}: {error}); please report it with {_trace()}")
         return EXIT_FAULT
+
+
+def _interrupted(command: str) -> int:
+    _say(f"interrupted{GOES_ON.get(command, '')}")
+    return EXIT_INTERRUPTED
 
 
 def _trace() -> str:

@@ -9,7 +9,7 @@ from scan2fea.kernel.measures import area, volume
 from scan2fea.reconstruction import advancing_front, visibility
 from scan2fea.reconstruction.evidence import Evidence
 from scan2fea.reconstruction.gates import failed
-from scan2fea.reconstruction.wall_ends import LIMIT, WALL_ENDS, _passed, stretches, wall_ends
+from scan2fea.reconstruction.wall_ends import LIMIT, WALL_ENDS, passed, stretches, wall_ends
 from scan2fea.simulation.shapes import chs
 from scan2fea.types import PointCloud, Scan
 from scanned import DENSITY
@@ -116,8 +116,8 @@ def test_the_limit_is_inclusive_and_nothing_is_said_without_a_wall(notch):
 def test_a_line_of_sight_passes_a_place():
     origin, target = np.zeros((1, 3)), np.array([[4.0, 0.0, 0.0]])
     places = np.array([[1, 0.5, 0], [1, 0.5001, 0], [2.999, 0, 0], [3.0, 0, 0], [-1, 0, 0], [5, 0, 0]], float)
-    assert _passed(places, origin, target, 0.5).tolist() == [True, False, True, False, False, False]
-    assert not _passed(places, target, target, 0.5).any()
+    assert passed(places, origin, target, 0.5).tolist() == [True, False, True, False, False, False]
+    assert not passed(places, target, target, 0.5).any()
 
 
 def test_what_is_seen_through_a_notch_is_empty(notch):

@@ -11,6 +11,7 @@ import numpy as np
 
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_normals
+from scan2fea.reconstruction.budget import VOLUME_IN_DOUBT, volume_in_doubt
 from scan2fea.reconstruction.evidence import Evidence, Unseen, scatter_m, wall_m
 from scan2fea.reconstruction.gates_outside import both_faces, cut_agrees, open_inside, signs_agree, winding_agrees
 from scan2fea.reconstruction.gates_surface import coverage, deviation, merged, patch_moments, resolution, rims, solid_core, stray
@@ -30,7 +31,7 @@ def gates_seen(evidence: Evidence) -> tuple[Check, ...]:
     nearest = PointToMesh(evidence.mesh).nearest(evidence.measured)
     sigma = scatter_m(evidence, nearest.distance)
     limit = DEVIATION_SEEN * (sigma + QUIET * evidence.spacing_m)
-    return (
+    return in_all(
         *resolution(evidence),
         *rims(evidence),
         *coverage(evidence, UNMEASURED_SEEN, sigma),
@@ -48,7 +49,7 @@ def gates_unseen(evidence: Evidence, unseen: Unseen) -> tuple[Check, ...]:
     signed = np.einsum("ij,ij->i", points - nearest.closest, normals)
     sigma = scatter_m(evidence, nearest.distance)
     moments = patch_moments(points, normals, signed)
-    return (
+    return in_all(
         both_faces(evidence.points, unseen.flood),
         *resolution(evidence),
         *coverage(evidence, UNMEASURED_UNSEEN, sigma),
@@ -84,8 +85,13 @@ def gates_again(evidence: Evidence, before: tuple[Check, ...], seen: bool) -> tu
         stray(points, distance, STRAY_SIGMAS * sigma + STRAY_SPACINGS * evidence.spacing_m),
         *(() if seen else winding_agrees(evidence)),
     )
-    names = {check.name for check in asked}
-    return (*asked, *(check for check in before if check.name not in names))
+    names = {VOLUME_IN_DOUBT, *(check.name for check in asked)}
+    return in_all(*asked, *(check for check in before if check.name not in names))
+
+
+def in_all(*checks: Check) -> tuple[Check, ...]:
+    """The checks, and that of what they leave open altogether."""
+    return (*checks, volume_in_doubt(checks))
 
 
 def failed(checks: tuple[Check, ...]) -> tuple[Check, ...]:

@@ -11,13 +11,16 @@ from scan2fea.kernel.coverage import unmeasured_share
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_areas, volume
 from scan2fea.kernel.primitives import Plane
+from scan2fea.reconstruction.bare_faces import bare_faces
+from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, PLACE, VOLUME_IN_DOUBT
 from scan2fea.reconstruction.evidence import at_most, mm
+from scan2fea.reconstruction.gates import in_all
 from scan2fea.reconstruction.gates_surface import deviation, mean_curvature, stray
 from scan2fea.reconstruction.hidden_volume import HIDDEN_VOLUME, hidden_volume
 from scan2fea.reconstruction.plane_growing import Planes, tolerance_m
 from scan2fea.reconstruction.rounds import on_rounds
 from scan2fea.reconstruction.visibility import Reconstruction
-from scan2fea.types import BoolArray, Check, FloatArray, IntArray, PointCloud, TriangleMesh
+from scan2fea.types import BoolArray, Check, FloatArray, IntArray, Scan, TriangleMesh
 
 UNEXPLAINED = 0.01  # of the points may lie on none of the flat faces
 EXCESS = 1.15  # scatter of the points about the faces against their noise
@@ -25,7 +28,7 @@ BENT = 0.01  # of the points may lie on faces that are bent
 BEND_CHANCE, BEND_NOISE = 1e-6, 0.3  # a quadric bends by more than chance, and by more than this share of the noise
 BEND_SPACING = 0.02
 CURED = frozenset(
-    {"edges in the noise", "edges between points", "deviation p95", "stray points", "unmeasured area", HIDDEN_VOLUME}
+    {EDGES_GROWN, EDGES_CUT, VOLUME_IN_DOUBT, "deviation p95", "stray points", "unmeasured area", HIDDEN_VOLUME}
 )
 LEAST_POINTS, MANY = 10, 40  # of a face: to be tested whether it is bent, and to be tested alone
 UNCERTAIN = 0.02  # of the volume that the places of the planes leave open
@@ -34,8 +37,9 @@ UNMEASURED = 0.10
 RIM_CUT = 0.3  # h^2 per length of edge that a surface through points cuts off
 
 
-def gates_planar(cloud: PointCloud, first: Reconstruction, mesh: TriangleMesh, planes: Planes) -> tuple[Check, ...]:
+def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, planes: Planes) -> tuple[Check, ...]:
     """The checks of a solid of flat faces. first : the surface that told inside from outside."""
+    cloud = scan.cloud
     measured = cloud.points if cloud.is_inferred is None else cloud.points[~cloud.is_inferred]
     h, sigma = first.spacing_m, first.sigma_m
     nearest = PointToMesh(mesh).nearest(measured)
@@ -48,8 +52,9 @@ def gates_planar(cloud: PointCloud, first: Reconstruction, mesh: TriangleMesh, p
     region = np.zeros(len(mesh.faces), np.int64) if mesh.face_region is None else mesh.face_region
     open_m3 = math.sqrt(float(((np.bincount(region, area) * _std_of(region, planes)) ** 2).sum()))
     body, before = abs(volume(mesh)), abs(volume(first.mesh))
-    explained = _rims(mesh, h, sigma) / body
-    apart = max(0.0, abs(before / body - 1.0) - explained)
+    cut, grown = _rims(mesh, h, sigma)
+    larger = before / body - 1.0
+    apart = max(0.0, larger - grown / body, -larger - cut / body)
     checks = [
         at_most(
             "points beside flat faces", share, UNEXPLAINED,
@@ -61,7 +66,7 @@ def gates_planar(cloud: PointCloud, first: Reconstruction, mesh: TriangleMesh, p
         ),
         _bent(measured[held], face[held], region, planes, on_rounds(mesh, measured[held], h), sigma, h),
         at_most(
-            "place of the planes", open_m3 / body, UNCERTAIN,
+            PLACE, open_m3 / body, UNCERTAIN,
             f"the noise leaves {open_m3 / body:.1%} of the volume open (limit {UNCERTAIN:.0%}): scan more, or with less noise",
         ),
         at_most(
@@ -72,12 +77,13 @@ def gates_planar(cloud: PointCloud, first: Reconstruction, mesh: TriangleMesh, p
         deviation(off, 2.5 * sigma + 0.125 * h),
         stray(measured, off, 3.0 * sigma + 0.5 * h),
         hidden_volume(mesh, cloud.points, h),
+        bare_faces(mesh, cloud.points, scan.sensors(), h),
     ]  # fmt: skip
     bare = unmeasured_share(mesh, cloud.points, 3.0 * h + 3.0 * sigma)
     checks.append(
         at_most("unmeasured area", bare, UNMEASURED, f"{bare:.0%} of the surface has no measured point of its side (limit {UNMEASURED:.0%})")
     )
-    return tuple(checks)
+    return in_all(*checks)
 
 
 def _inherited(first: Reconstruction) -> tuple[Check, ...]:
@@ -90,10 +96,10 @@ def _std_of(region: IntArray, planes: Planes) -> FloatArray:
     return np.asarray(planes.std_m[np.arange(int(region.max()) + 1) // 2])
 
 
-def _rims(mesh: TriangleMesh, spacing_m: float, sigma_m: float) -> float:
-    """Volume that a free surface loses or gains at the edges of a flat solid: 0.3 h^2, and a wall's noise, per length of edge."""
+def _rims(mesh: TriangleMesh, spacing_m: float, sigma_m: float) -> tuple[float, float]:
+    """Volume that a free surface loses, and gains, at the edges of a flat solid: 0.3 h^2, and a wall's noise, per length of edge."""
     curvature = max(0.0, mean_curvature(mesh))
-    return RIM_CUT * spacing_m**2 * curvature + sigma_m * curvature * max(spacing_m, sigma_m)
+    return RIM_CUT * spacing_m**2 * curvature, sigma_m * curvature * max(spacing_m, sigma_m)
 
 
 def _bent(

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from scan2fea.kernel.coverage import unmeasured_share
 from scan2fea.kernel.measures import face_normals, volume
 from scan2fea.kernel.topology import edge_table, half_edges
+from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN
 from scan2fea.reconstruction.evidence import Evidence, around, at_least, at_most, mm, wall_m
 from scan2fea.reconstruction.outside import Flood
 from scan2fea.types import Check, FloatArray, TriangleMesh
@@ -64,7 +65,7 @@ def rims(evidence: Evidence) -> tuple[Check, ...]:
     wall = wall_m(evidence)
     lost = RIM_LOSS * evidence.spacing_m**2 * curvature / body
     cut = at_most(
-        "edges between points",
+        EDGES_CUT,
         lost,
         RIM_SPACING,
         f"points {mm(evidence.spacing_m)} apart cut about {lost:.1%} of the volume off its edges (limit {RIM_SPACING:.0%}): scan more densely",
@@ -73,7 +74,7 @@ def rims(evidence: Evidence) -> tuple[Check, ...]:
         return (cut,)
     grown = 2.0 / math.pi * curvature * wall * evidence.sigma_m / body
     noise = at_most(
-        "edges in the noise",
+        EDGES_GROWN,
         grown,
         RIM_NOISE,
         f"noise {mm(evidence.sigma_m)} may add {grown:.0%} to the volume at edges and holes (limit {RIM_NOISE:.0%}): scan with less noise, "

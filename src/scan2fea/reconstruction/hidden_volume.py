@@ -10,10 +10,10 @@ from scipy.spatial import cKDTree
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_areas, face_normals, volume
 from scan2fea.kernel.topology import edge_table
+from scan2fea.reconstruction.budget import HIDDEN_VOLUME
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.types import BoolArray, Check, FloatArray, TriangleMesh
 
-HIDDEN_VOLUME = "volume behind unmeasured area"
 LIMIT = 0.05  # of the volume: the error that is tolerated of a volume without noise
 REACH = 3.0  # spacings: a place farther from any point of its own side is not measured
 

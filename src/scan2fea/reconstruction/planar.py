@@ -63,7 +63,7 @@ def flattened(scan: Scan, first: Reconstruction, seed: int = 0) -> Reconstructio
         "first_volume_m3": volume(first.mesh),
     }
     std = float(np.max(form.planes.std_m)) if len(form.planes) else 0.0
-    checks = gates_planar(cloud, first, form.mesh, form.planes)
+    checks = gates_planar(scan, first, form.mesh, form.planes)
     return replace(first, mesh=form.mesh, checks=checks, how=facts, residual_m=std)
 
 

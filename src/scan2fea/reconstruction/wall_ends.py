@@ -22,10 +22,10 @@ from scan2fea.kernel.measures import face_areas, face_normals, volume
 from scan2fea.kernel.neighbors import k_nearest, radius_components
 from scan2fea.kernel.noise import SPACING_NEIGHBORS
 from scan2fea.kernel.topology import edge_table
+from scan2fea.reconstruction.budget import WALL_ENDS
 from scan2fea.reconstruction.evidence import Evidence, around, at_most, wall_m
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh, Value
 
-WALL_ENDS = "wall ends without points"
 LIMIT = 0.02  # of the volume: as behind surface that no ray has met
 OPPOSITE, ALIKE = -0.5, 0.8  # cosine between normals of the two faces of a wall, and of one of them
 FLAT = 0.9  # a triangle whose corners agree better is not looked at
@@ -36,6 +36,7 @@ EXPECTED = 6.0  # points due between the faces on a stretch that has none: chanc
 NEIGHBOURING, JOINED = 2.0, 2.0  # points due, and spacings between them, of shorter stretches that go on beyond a point or a bend
 FLAT_END, FACES_SO = 0.7, 0.7  # length of the mean normal of a stretch that lies in a plane; cosine of others that do
 BEYOND = 1.5  # spacings beyond a wall's end, at least its thickness: where it would go on
+IN_WALL = 0.25  # of its thickness off the middle of a wall: a sight line farther off may pass beside a wall that bends
 WHOLE_END = 0.5  # of the area in that plane: with more of it unseen the part may go on there
 
 
@@ -150,11 +151,11 @@ def _seen_past(evidence: Evidence, faces: IntArray, wall: float) -> BoolArray:
     origin, target = evidence.sensors[known], evidence.points[known]
     normals = face_normals(evidence.mesh)[faces]
     places = evidence.mesh.vertices[evidence.mesh.faces[faces]].mean(axis=1) + max(wall, BEYOND * evidence.spacing_m) * normals
-    return np.asarray(_passed(places, np.ascontiguousarray(origin), np.ascontiguousarray(target), 0.5 * wall))
+    return np.asarray(passed(places, np.ascontiguousarray(origin), np.ascontiguousarray(target), IN_WALL * wall))
 
 
 @jit
-def _passed(places: FloatArray, origin: FloatArray, target: FloatArray, near: float) -> BoolArray:
+def passed(places: FloatArray, origin: FloatArray, target: FloatArray, near: float) -> BoolArray:
     """(k,) places within `near` of a line from an origin to its target, and nearer to the origin by more than twice that."""
     out = np.zeros(len(places), np.bool_)
     for p in range(len(places)):

@@ -1,5 +1,7 @@
 """Doubts add up: what each check lets pass alone must not pass together; and flat faces that nobody saw are told."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -28,6 +30,7 @@ def test_doubts_add_up_and_a_standard_deviation_counts_twice():
     assert names[0] in two.says and "3.0%" in two.says
     assert volume_in_doubt((check("place of the planes", 0.01),)).value == 0.02
     assert volume_in_doubt(()).value == 0.0
+    assert volume_in_doubt((dataclasses.replace(check(names[0], 0.9), passed=False), check(names[1], 0.01))).value == 0.01
 
 
 def plate():

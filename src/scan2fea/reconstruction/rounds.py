@@ -10,7 +10,7 @@ from scan2fea.kernel.surfaces import CYLINDER, fit_surface
 from scan2fea.kernel.topology import edge_table
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
 
-MOST_TURN_DEG = 95.0  # between neighbours: four flats round a bar in noise of a sixth of its radius turn by 90
+MOST_TURN_DEG = 65.0  # between neighbours: the flats of a hexagon turn by 60, those of most parts by 90
 LEAST_FLATS = 3  # two flats and the face between them are a chamfer
 LEAST_POINTS = 4  # of a flat
 AS_WELL = 1.15  # times the scatter about the flats

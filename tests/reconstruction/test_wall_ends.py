@@ -7,9 +7,10 @@ from predicates import box, moved, rotation
 from scan2fea.kernel.distances import sample_surface
 from scan2fea.kernel.measures import area, volume
 from scan2fea.reconstruction import advancing_front, visibility
+from scan2fea.reconstruction.budget import WALL_ENDS
 from scan2fea.reconstruction.evidence import Evidence
 from scan2fea.reconstruction.gates import failed
-from scan2fea.reconstruction.wall_ends import LIMIT, WALL_ENDS, passed, stretches, wall_ends
+from scan2fea.reconstruction.wall_ends import LIMIT, passed, stretches, wall_ends
 from scan2fea.simulation.shapes import chs
 from scan2fea.types import PointCloud, Scan
 from scanned import DENSITY

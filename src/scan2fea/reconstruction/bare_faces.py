@@ -29,7 +29,7 @@ def bare_faces(mesh: TriangleMesh, points: FloatArray, sensors: FloatArray, spac
     """
     region = np.zeros(len(mesh.faces), np.int64) if mesh.face_region is None else np.unique(mesh.face_region, return_inverse=True)[1].ravel()
     areas = face_areas(mesh)
-    area = np.bincount(region, areas)
+    area = np.asarray(np.bincount(region, areas), float)
     held = np.bincount(region[PointToMesh(mesh).nearest(points).face], minlength=len(area))
     due = area * _typical(held / np.maximum(area, np.finfo(float).tiny), area)
     bare = np.flatnonzero((pdtr(held, due) <= CHANCE) & (pdtr(held, 0.5 * due) <= CHANCE_HALF))

@@ -10,8 +10,9 @@ from scan2fea.kernel.coverage import unmeasured_share
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import area, face_normals
 from scan2fea.kernel.rays import first_hits, scene_of
+from scan2fea.reconstruction.budget import HIDDEN_VOLUME
 from scan2fea.reconstruction.evidence import around, at_most, mm
-from scan2fea.reconstruction.hidden_volume import HIDDEN_VOLUME, unseen_volume
+from scan2fea.reconstruction.hidden_volume import unseen_volume
 from scan2fea.reconstruction.range_fit import Fit
 from scan2fea.reconstruction.raster import Images
 from scan2fea.types import BoolArray, Check

@@ -21,9 +21,14 @@ SHARES = {HIDDEN_VOLUME: 1.0, WALL_ENDS: 1.0, BARE_FACES: 1.0, EDGES_CUT: 1.0, E
 
 
 def volume_in_doubt(checks: tuple[Check, ...]) -> Check:
-    """The sum of the shares of the volume that `checks` leave open. One that fails speaks for itself and is not added."""
+    """The sum of the shares of the volume that `checks` leave open. One that fails speaks for itself and is not added.
+
+    Spacing takes from edges and noise adds to them: of the two only the larger counts.
+    """
     alone = [check for check in checks if check.name in SHARES and check.passed]
     parts = {check.name: SHARES[check.name] * check.value for check in alone if isinstance(check.value, float)}
+    if EDGES_CUT in parts and EDGES_GROWN in parts:
+        parts.pop(min(EDGES_CUT, EDGES_GROWN, key=parts.__getitem__))
     share = float(sum(parts.values()))
     told = ", ".join(f"{name} {part:.1%}" for name, part in sorted(parts.items(), key=lambda item: -item[1]) if part >= 0.001)
     says = f"{share:.1%} of the volume is in doubt altogether ({told}; limit {LIMIT:.0%}): scan more densely, or what was not seen"

@@ -164,7 +164,7 @@ def _pin(item: Mapping[str, Any], place: int, left: float, top: float) -> Html:
 
 
 def _objects(saved: Saved, sizes: Sequence[Sequence[float] | None]) -> Html:
-    head = ("no.", "kind", "verdict", "reason", "size, mm", "points", "measured", "worst check", "mass, kg", "first mode, Hz", "files")
+    head = ("no.", "kind", "verdict", "reason", "x, y, z, mm", "points", "measured", "worst check", "mass, kg", "first mode, Hz", "files")
     rows = []
     for place, item in enumerate(saved.report.get("objects") or []):
         worst = worst_check(item.get("checks") or [])
@@ -175,7 +175,7 @@ def _objects(saved: Saved, sizes: Sequence[Sequence[float] | None]) -> Html:
                 _kind(item, place),
                 badge(item.get("verdict")),
                 item.get("reason") or "no reason given",
-                figure_cell(dimensions(sizes[place]).removesuffix(" mm"), "size, mm"),
+                figure_cell(dimensions(sizes[place]).removesuffix(" mm"), "x, y, z, mm"),
                 figure_cell(count(item.get("n_points")), "points"),
                 figure_cell(percent(measured_share(item)), "measured"),
                 told,
@@ -204,15 +204,15 @@ def _segments(report: Mapping[str, Any]) -> Html:
         number_of_object = row.get("object")
         colour = css(BACKDROP if number_of_object is None else categories(np.array([int(number_of_object) - 1]))[0])
         sure = percent(row["confidence"]) if row.get("confidence") is not None else "given" if row.get("source") == "user" else ""
-        size = dimensions(sorted(row.get("size_m") or [], reverse=True)).removesuffix(" mm")
+        size = dimensions(row.get("size_m") or []).removesuffix(" mm")
         kind = swatches([(colour, str(row.get("kind") or NOT_KNOWN), False)])
-        figures = (figure_cell(sure, "sure"), figure_cell(size, "box, mm"), figure_cell(count(row.get("n_points")), "points"))
+        figures = (figure_cell(sure, "sure"), figure_cell(size, "x, y, z, mm"), figure_cell(count(row.get("n_points")), "points"))
         rows.append([figure_cell(row.get("label"), "label"), kind, *figures, row.get("why") or NOT_KNOWN])
     if not rows:
         return NOTHING
     more = tag("p", f"and {len(listed) - SEGMENT_ROWS} more, see report.json") if len(listed) > SEGMENT_ROWS else NOTHING
     told = tag("p", "The kind is a guess from the points, with its probability; it decides nothing. labels.csv can be edited and the run resumed.")
-    head = ("label", "kind", "sure", "box, mm", "points", "why it is modelled, or is not")
+    head = ("label", "kind", "sure", "x, y, z, mm", "points", "why it is modelled, or is not")
     return joined((tag("h3", "What the scene fell into"), table(head, rows, class_="objects segments"), more, told))
 
 

@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Geometry(Value):
-    """What there is of one object. size_m : extent along its own axes, longest first, or None where there are no points."""
+    """What there is of one object. size_m : extent along x, y and z, or None where there are no points."""
 
     cloud: PointCloud | None
     surface: TriangleMesh | None
@@ -85,6 +85,4 @@ def _size(item: Mapping[str, Any], cloud: PointCloud | None, surface: TriangleMe
         points = surface.vertices[np.unique(surface.faces)]
     if len(points) < 3:
         return None
-    centred = points - points.mean(axis=0)
-    axes = np.linalg.eigh(centred.T @ centred)[1]
-    return tuple(sorted(np.ptp(centred @ axes, axis=0).tolist(), reverse=True))
+    return tuple(np.ptp(points, axis=0).tolist())

@@ -101,7 +101,7 @@ def _what_to_do(item: Item) -> Html:
 def _facts(item: Item, size: Sequence[float] | None) -> Html:
     surface, cad, fea = item.get("surface") or {}, item.get("cad") or {}, item.get("fea") or {}
     mass, frequency, share = mass_kg(item), first_frequency_hz(item), measured_share(item)
-    rows: list[tuple[str, object]] = [("Size along its axes", dimensions(size))]
+    rows: list[tuple[str, object]] = [("Size along x, y, z", dimensions(size))]
     rows += [("Volume", volume(surface["volume_m3"]))] if is_number(surface.get("volume_m3")) and surface.get("closed") else []
     rows += [("Surface", f"{number(surface['area_m2'])} m\u00b2")] if is_number(surface.get("area_m2")) else []
     rows += [("Mass", f"{number(mass)} kg")] if mass is not None else []

@@ -1,3 +1,4 @@
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -144,3 +145,28 @@ def test_wrong_empty_rays_are_told(angle):
     wrong[turned] = aim / np.linalg.norm(aim, axis=1)[:, None]
     answer = by_ranges(points, replace(images, direction=wrong), SIGMA, 0)
     assert any(not check.passed for check in answer.checks)
+
+
+def test_a_surface_is_refused_whose_own_scan_comes_out_thicker_or_thinner(angle, monkeypatch):
+    _, points, images = angle
+    module = sys.modules[by_ranges.__module__]
+    right = module._surface
+    turns = iter((1.0, 1.03))  # of the reconstruction of the points, and of that of the surface's own image
+
+    def thickened(*args):
+        mesh, n_parts = right(*args)
+        return replace(mesh, vertices=mesh.vertices * next(turns) ** (1 / 3)), n_parts
+
+    monkeypatch.setattr(module, "_surface", thickened)
+    monkeypatch.setattr(module, "TRIES", (1.0,))
+    (own,) = [check for check in by_ranges(points, images, SIGMA, 0).checks if check.name == "own image"]
+    assert not own.passed and own.value == pytest.approx(0.03, abs=0.01)
+    assert "volume (limit 1%)" in own.says
+
+
+def test_the_own_image_of_a_surface_has_its_noise_and_its_outline(angle, found):
+    _, _, images = angle
+    points, seen = sys.modules[by_ranges.__module__]._seen_again(found.mesh, images, SIGMA, 0)
+    assert len(points) == seen.is_hit.sum() and np.array_equal(np.sort(seen.point[seen.is_hit]), np.arange(len(points)))
+    assert ray_sigma(seen) == pytest.approx(SIGMA, rel=0.08)
+    assert np.mean(seen.is_hit == images.is_hit) > 0.97  # but for the rims

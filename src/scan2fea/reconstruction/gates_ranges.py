@@ -28,6 +28,7 @@ PASSED, RIM_PIXELS = 0.01, 0.5  # rays without a return that cross the inside th
 NOISE_OVER_WALL = 0.15  # noise left in the surface
 PIXEL_OVER_WALL = 1.1
 HALVES = 0.02  # two halves of the rays must agree in volume
+OWN_IMAGE = 0.01  # half of the 2 % that a volume may be off: what the rays do not resolve of the true shape comes on top
 
 
 def gates_ranges(
@@ -93,6 +94,12 @@ def gates_ranges(
             ),
         ]
     return tuple(checks)
+
+
+def own_image(bias: float) -> Check:
+    """bias : relative change of the volume where a simulated scan of the surface is reconstructed in the same way."""
+    says = f"a scan of this surface with this noise would come out {bias:+.1%} in volume (limit {OWN_IMAGE:.0%}): scan more, or with less noise"
+    return at_most("own image", abs(bias), OWN_IMAGE, says)
 
 
 def _passing(fit: Fit, images: Images, pixel_m: float) -> Check:

@@ -7,7 +7,7 @@ empty pixels show the outline exactly.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,9 +15,10 @@ from scan2fea.errors import ReconstructionError
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import area, face_areas, face_normals, vertex_normals, volume
 from scan2fea.kernel.predicates import self_intersections
+from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.kernel.side_normals import wall_depth
 from scan2fea.reconstruction.evidence import KNOWN_WALL, WALL_QUANTILE, at_most
-from scan2fea.reconstruction.gates_ranges import NOT_SEEN, gates_ranges
+from scan2fea.reconstruction.gates_ranges import NOT_SEEN, gates_ranges, own_image
 from scan2fea.reconstruction.isosurface import isosurface, rebuilt
 from scan2fea.reconstruction.occupancy import cell_of, occupancy
 from scan2fea.reconstruction.range_fit import FLATNESS, Fit, measured, range_fit
@@ -98,8 +99,7 @@ def _failures(found: Ranged) -> int:
 
 
 def _tried(points: FloatArray, images: Images, sigma: float, cell: float, flatness: float, pixel: float, seed: int, n: int) -> Ranged:
-    start, n_parts = isosurface(occupancy(images, points, sigma, cell), seed)
-    mesh = _clean(range_fit(start, images, sigma, flatness).mesh, images, sigma, flatness, seed)
+    mesh, n_parts = _surface(points, images, sigma, cell, flatness, seed)
     fit = measured(mesh, images)
     halves = [range_fit(mesh, _half(images, odd), sigma, flatness).mesh for odd in (False, True)]
     apart = np.linalg.norm(halves[0].vertices - halves[1].vertices, axis=1)
@@ -110,9 +110,27 @@ def _tried(points: FloatArray, images: Images, sigma: float, cell: float, flatne
     wall = wall_depth(mesh.vertices, vertex_normals(mesh), edge, REACH * edge)
     one = at_most("parts", float(n_parts), 1.0, f"the rays enclose {n_parts} separate parts: segment them into objects of their own")
     checks = (*gates_ranges(fit, images, sigma, residual, typical_wall(wall), pixel, spread), one)
+    if all(check.passed for check in checks):
+        again, _ = _surface(*_seen_again(mesh, images, sigma, seed), sigma, cell, flatness, seed)
+        checks = (*checks, own_image(volume(again) / volume(mesh) - 1))
     return Ranged(
         fit=fit, sigma_m=sigma, residual_m=residual, wall_m=wall, checks=checks, cell_m=cell, n_parts=n_parts, n_tried=n, volume_spread=spread
     )
+
+
+def _surface(points: FloatArray, images: Images, sigma: float, cell: float, flatness: float, seed: int) -> tuple[TriangleMesh, int]:
+    """The surface that the rays make likely, moved to their ranges; and how many parts they enclosed."""
+    start, n_parts = isosurface(occupancy(images, points, sigma, cell), seed)
+    return _clean(range_fit(start, images, sigma, flatness).mesh, images, sigma, flatness, seed), n_parts
+
+
+def _seen_again(mesh: TriangleMesh, images: Images, sigma: float, seed: int) -> tuple[FloatArray, Images]:
+    """The scan that the same rays, with noise of the same size, would make of `mesh` (parametric bootstrap, Efron 1979): points and images."""
+    length, _ = first_hits(scene_of(mesh), images.origin, images.direction)
+    hit = np.isfinite(length)
+    ranges = np.where(hit, length + sigma * np.random.default_rng(seed).standard_normal(len(length)), np.nan)
+    points = images.origin[hit] + ranges[hit, None] * images.direction[hit]
+    return points, replace(images, range_m=ranges, point=np.where(hit, np.cumsum(hit) - 1, -1))
 
 
 def typical_wall(wall: FloatArray) -> float:

@@ -82,11 +82,23 @@ class TestChores:
         assert count[0] < count[1]
 
     def test_one_that_cannot_be_made_is_left_to_its_experiments(self, tmp_path, monkeypatch):
+        asked = []
+
         def bad(*_):
+            asked.append("lab")
             raise MeshingError("no")
 
         monkeypatch.setitem(KINDS, "lab", bad)
-        done(Bench(folder=tmp_path, options=QUICK), ("lab",))
+        bench = Bench(folder=tmp_path, options=QUICK)
+        done(bench, ("lab",))  # is told by the experiments that need it
+        assert asked == ["lab"]
+
+        def broken(*_):
+            raise ZeroDivisionError
+
+        monkeypatch.setitem(KINDS, "lab", broken)
+        with pytest.raises(ZeroDivisionError):  # a fault of ours is not hidden
+            done(bench, ("lab",))
 
 
 class TestPublished:

@@ -57,6 +57,13 @@ def test_every_family_anywhere_with_clutter(family):
     assert np.linalg.eigvalsh(covariance).min() > -1e-15
 
 
+def test_strays_beside_walls_within_the_noise_are_no_pattern():
+    """Of even clutter more lies just outside a thin wall than within it: the cells' expected means must allow for that."""
+    found = fitted(scan("C", 8_000, noise_m=0.03 * CASES["C"]["h"], clutter=0.15, seed=5), MemberOptions(family="C"))
+    assert_right(found, "C", CASES["C"])
+    assert found.explanation.pattern_share < 0.1
+
+
 def test_the_member_lies_on_its_points():
     points = scan("I", noise_m=0.001, seed=1, bow=((0.01,), (-0.02,)), twist=(0.05,))
     found = fitted(points)

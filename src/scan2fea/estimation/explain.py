@@ -41,6 +41,8 @@ _CELL_POINTS = 15
 _STRAY = 4.0
 _FACES_OFF = 24  # stretches of the outline, about
 _SE = 4.0
+_LOCAL_DOUBT = 0.1  # relative: the scatter of neighbours comes out up to 8 % low where noise is 3 % of the section (simulated bars)
+_STRAY_DRAWS = 20_000
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -86,12 +88,15 @@ def explanation(points: FloatArray, member: Member, sigma_m: float, seed: int = 
     stray = np.abs(surface.distance) > reach
     crowd = _crowd(local, stray, size)
     side = ~stray & ~surface.on_cap
-    cells = _cells(surface, side, shape, values["length"], sigma_m, size, seed, 1.0 if along_rays else 0.5)
+    among = (local[:, 2] > 0) & (local[:, 2] < values["length"])
+    clutter = _Clutter.of(shape, local[among, :2], int((stray & among).sum()), reach, seed)
+    cells = _cells(surface, side, shape, values["length"], sigma_m, size, clutter, seed, 1.0 if along_rays else 0.5)
     seen, voids = _occupied(surface, side, shape, values["length"], size)
     near = some[~stray]
     local_sigma = noise_sigma(near, seed=seed) if len(near) >= 50 else math.nan
     rms = float(np.sqrt(np.mean(surface.distance[~stray] ** 2))) if (~stray).any() else math.nan
-    excess = math.sqrt(max(sigma_m**2 - local_sigma**2, 0.0)) / (TOLERANCE * size) if math.isfinite(local_sigma) else math.nan
+    doubted = (1 + _LOCAL_DOUBT) * local_sigma
+    excess = math.sqrt(max(sigma_m**2 - doubted**2, 0.0)) / (TOLERANCE * size) if math.isfinite(local_sigma) else math.nan
     figures = {
         "off_share": cells.off_share,
         "pattern_m": cells.pattern_m,
@@ -233,7 +238,30 @@ def _stretch_of(shape: Section, edge: IntArray, along: FloatArray) -> IntArray:
     return np.asarray(first[edge] + part)
 
 
-def _cells(surface: _Surface, side: BoolArray, shape: Section, length: float, sigma: float, size: float, seed: int, allowed: float) -> _Cells:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Clutter:
+    """Strays that lie by chance within reach of the outline, where they pass for its points: per draw the nearest edge, the place along it, and the
+    distance; number : how many there are among the points.
+    """
+
+    edge: IntArray
+    along: FloatArray
+    distance: FloatArray
+    number: float
+
+    @classmethod
+    def of(cls, shape: Section, xy: FloatArray, n_strays: int, reach: float, seed: int) -> _Clutter:
+        """As even over the box of the points xy (n, 2) as the `n_strays` of them that lie out of reach."""
+        rng = np.random.default_rng([seed, 8])
+        low, high = (xy.min(axis=0), xy.max(axis=0)) if len(xy) else (np.zeros(2), np.zeros(2))
+        distance, edge, along = outline_distance(shape, rng.uniform(low, high, (_STRAY_DRAWS, 2)))
+        near = np.abs(distance) <= reach
+        return cls(edge=edge[near], along=along[near], distance=distance[near], number=n_strays * float(near.sum()) / max(int((~near).sum()), 1))
+
+
+def _cells(
+    surface: _Surface, side: BoolArray, shape: Section, length: float, sigma: float, size: float, clutter: _Clutter, seed: int, allowed: float
+) -> _Cells:
     if side.sum() < 2 * _CELL_POINTS:
         return _Cells(off_share=1.0, pattern_m=math.nan, p_value=0.0, n=0)
     stretch = _stretch_of(shape, surface.edge[side], surface.along[side])
@@ -248,7 +276,7 @@ def _cells(surface: _Surface, side: BoolArray, shape: Section, length: float, si
     square = np.bincount(cell, distance**2, minlength=len(n))
     mean = total / np.maximum(n, 1)
     var = np.maximum(square / np.maximum(n, 1) - mean**2, 0.0) * n / np.maximum(n - 1, 1)
-    expected = _expected(shape, stretch, sigma, n_stretch, seed)
+    expected = _expected(shape, stretch, sigma, n_stretch, clutter, seed)
     away = mean - np.repeat(expected, n_z)
     good = n >= _CELL_POINTS
     if not good.any():
@@ -263,8 +291,11 @@ def _cells(surface: _Surface, side: BoolArray, shape: Section, length: float, si
     )
 
 
-def _expected(shape: Section, stretch: IntArray, sigma: float, n_stretch: int, seed: int) -> FloatArray:
-    """(n_stretch,) mean distance that points of the model itself show in each stretch: seen as the data were, scattered by sigma."""
+def _expected(shape: Section, stretch: IntArray, sigma: float, n_stretch: int, clutter: _Clutter, seed: int) -> FloatArray:
+    """(n_stretch,) mean distance that points of the model itself show in each stretch: seen as the data were, scattered by sigma, among strays.
+
+    The strays near a wall count too: they reach far outward and hardly inward.
+    """
     rng = np.random.default_rng([seed, 7])
     start = np.concatenate(shape.loops)
     way = np.concatenate([np.roll(loop, -1, axis=0) - loop for loop in shape.loops])
@@ -273,13 +304,16 @@ def _expected(shape: Section, stretch: IntArray, sigma: float, n_stretch: int, s
     edge = rng.choice(len(lengths), n, p=lengths / lengths.sum())
     t = rng.random(n)
     true = _stretch_of(shape, edge, t * lengths[edge])
-    weight = np.bincount(stretch, minlength=n_stretch) / np.maximum(np.bincount(true, minlength=n_stretch), 1)
+    each = clutter.number / max(len(clutter.edge), 1)  # points for which one drawn stray stands
+    strays = np.bincount(_stretch_of(shape, clutter.edge, clutter.along), minlength=n_stretch) * each
+    own = np.maximum(np.bincount(stretch, minlength=n_stretch) - strays, 0.0)
+    weight = own / np.maximum(np.bincount(true, minlength=n_stretch), 1)
     xy = start[edge] + t[:, None] * way[edge] + sigma * rng.standard_normal((n, 2))
     distance, edge, along = outline_distance(shape, xy)
-    shown = _stretch_of(shape, edge, along)
-    w = weight[true]
+    shown = np.r_[_stretch_of(shape, edge, along), _stretch_of(shape, clutter.edge, clutter.along)]
+    w = np.r_[weight[true], np.full(len(clutter.edge), each)]
     mass = np.bincount(shown, w, minlength=n_stretch)
-    return np.asarray(np.bincount(shown, w * distance, minlength=n_stretch) / np.maximum(mass, 1e-300))
+    return np.asarray(np.bincount(shown, w * np.r_[distance, clutter.distance], minlength=n_stretch) / np.maximum(mass, 1e-300))
 
 
 def _crowd(local: FloatArray, stray: BoolArray, size: float) -> BoolArray:

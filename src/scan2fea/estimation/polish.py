@@ -142,7 +142,8 @@ def _to_edges(family: str, u: FloatArray, values: FloatArray, reach: float) -> t
 def _to_circles(family: str, u: FloatArray, values: FloatArray, reach: float) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
     factors = np.array([[0.5, 0.0], [0.5, -1.0]])[: len(values), : len(values)]
     r = np.maximum(np.hypot(*u.T), 1e-300)
-    d = r[:, None] - factors @ values
+    radii = factors @ values
+    d = r[:, None] - radii - (reach / _TUKEY) ** 2 / (2 * radii)  # noise along a circle moves points outward: their mean radius, to second order
     nearest = np.abs(d).argmin(1)
     signed = d[np.arange(len(u)), nearest]
     face = np.where(np.abs(signed) < reach, nearest, -1)

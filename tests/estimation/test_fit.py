@@ -250,3 +250,37 @@ def test_a_flat_bar_under_uniform_noise_is_no_thin_tube():
     found = fit_section(points, FitOptions(families=("rect", "RHS", "C")))
     assert found.family == "rect" and found.noise == "uniform" and found.families["rect"] > 0.99
     assert abs(found.value("t") - 0.012) < 4 * found.std[1]
+
+
+class TestStatedNoise:
+    """A wall of one sigma: only where the noise is known does the spread of the points tell it."""
+
+    SIGMA = 6.67e-3
+
+    @pytest.fixture(scope="class")
+    @staticmethod
+    def points():
+        return sides("L", THIN, 15_000, TestStatedNoise.SIGMA, 3)
+
+    @staticmethod
+    def fitted(points, **stated):
+        return fit_section(points, FitOptions(families=("L",), noise="gaussian", hidden_faces=False, **stated))
+
+    def test_tells_a_wall_that_is_as_thin_as_the_noise(self, points):
+        blind, told = self.fitted(points), self.fitted(points, sigma_m=self.SIGMA, sigma_error=0.0)
+        assert not blind.observable["t"] and told.observable["t"] and "sigma" not in told.why
+        # t^2 / 4 is the variance across a leg less that of the noise: d t = 4 sigma^2 / t x the relative error of that variance's root
+        bound = 4 * self.SIGMA**2 / THIN[2] / math.sqrt(2 * 15_000)
+        std = told.std[told.names.index("t")]
+        assert 0.5 * bound < std < 2 * bound
+        assert abs(told.value("t") - THIN[2]) < 3.3 * std
+
+    def test_how_well_it_is_known_widens_the_wall(self, points):
+        rough = self.fitted(points, sigma_m=self.SIGMA, sigma_error=0.02)
+        assert rough.std[rough.names.index("t")] > 1.5 * self.fitted(points, sigma_m=self.SIGMA, sigma_error=0.0).std[rough.names.index("t")]
+
+    @pytest.mark.parametrize("factor", [0.85, 1.2])
+    def test_one_that_the_points_deny_is_not_used(self, points, factor):
+        found = self.fitted(points, sigma_m=factor * self.SIGMA, sigma_error=0.01)
+        assert not found.observable["t"] and found.sigma_m == pytest.approx(self.SIGMA, rel=0.05)
+        assert f"deny the stated noise of {1e3 * factor * self.SIGMA:.3g} mm" in found.why["sigma"]

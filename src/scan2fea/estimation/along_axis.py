@@ -33,7 +33,8 @@ class MemberOptions:
     noise: str = option("auto", "Law of the noise; auto: the likeliest", choices=("auto", *KERNELS))
     max_degree: int = option(4, "Highest degree of the curve of its axis; 1 for a straight member", minimum=1, maximum=4)
     twist: bool = option(True, "Whether the section may turn along the axis")
-    sigma_error: float | None = option(None, "Relative error of a noise that was calibrated elsewhere; none: the noise is fitted", minimum=0.0)
+    sigma_m: float | None = option(None, "Noise of the points where it is known, one standard deviation; none: it is fitted", unit="m", minimum=1e-9)
+    sigma_error: float = option(0.02, "How well sigma_m is known, relative", minimum=0.0, maximum=1.0)
     seed: int = option(0, "Seed of the draws of subsamples", minimum=0)
 
 
@@ -54,6 +55,7 @@ def _section(
         noise=options.noise,
         n_bow=degree - 1 if slender else 0,
         n_twist=1 if options.twist and slender and degree > 1 else 0,
+        sigma_m=options.sigma_m,
         sigma_error=options.sigma_error,
         seed=options.seed,
     )

@@ -110,7 +110,7 @@ def _run(model: SectionModel, theta: FloatArray, size_m: float, lower: FloatArra
         scale=scales(layout, size_m),
         lower=lower,
         upper=upper,
-        prior=prior(layout),
+        prior=prior(layout, model.stated),
         max_iterations=iterations,
         tolerance=tolerance,
     )

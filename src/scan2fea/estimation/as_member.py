@@ -126,7 +126,7 @@ def honest(points: FloatArray, member: Member, options: MemberOptions) -> tuple[
     """The member without the dimensions that rest on how far a face reaches, or on a wall that may be one face; and why each is not observable."""
     seen = [name for name, share in member.seen.items() if share >= SEEN]
     fixed = pinned(member.family, seen)
-    one_face = blended(points, member, seen) if options.sigma_error is None else frozenset()
+    one_face = blended(points, member, seen) if options.sigma_m is None else frozenset()
     fitted = [p.name for p in member.parameters if p.name != "length" and p.source == "fitted" and p.observable]
     why = {name: _REACH if name not in fixed else _BLENDED for name in fitted if name not in fixed or name in one_face}
     loose = [k for k, p in enumerate(member.parameters) if p.name in why]

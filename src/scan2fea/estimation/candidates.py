@@ -11,7 +11,7 @@ import numpy as np
 from scan2fea.estimation.anneal import annealed, climbed, on_the_ridge, ridge_restarts, walls
 from scan2fea.estimation.face_weights import free_faces, seen_weights, set_price, snapped
 from scan2fea.estimation.initial import Start, starts
-from scan2fea.estimation.likelihood import Layout, SectionModel, bounds, model_of, sigma_floor
+from scan2fea.estimation.likelihood import Layout, SectionModel, StatedNoise, bounds, model_of, sigma_floor
 from scan2fea.estimation.plausible import implausible_price
 from scan2fea.estimation.scoring import Scored
 from scan2fea.estimation.visible import likeliest_set, visible_sets
@@ -64,16 +64,25 @@ class Scene(Value):
     area_m2: float
     size_m: float
     fixed: Mapping[str, float]
+    stated: StatedNoise | None = None
 
     def model(self, layout: Layout, noise: str, face_weight: FloatArray | None, *, few: bool = False) -> SectionModel:
         chosen = self.first if few else self.points
-        return model_of(chosen, layout, self.z_range, area_m2=self.area_m2, noise=noise, face_weight=face_weight)
+        return model_of(chosen, layout, self.z_range, area_m2=self.area_m2, noise=noise, face_weight=face_weight, stated=self.stated)
 
     def held(self, layout: Layout) -> Mapping[str, float]:
         return {name: value for name, value in self.fixed.items() if name in layout.place}
 
 
-def scene_of(points: FloatArray, z_range: tuple[float, float], area_m2: float, size_m: float, fixed: Mapping[str, float], seed: int) -> Scene:
+def scene_of(
+    points: FloatArray,
+    z_range: tuple[float, float],
+    area_m2: float,
+    size_m: float,
+    fixed: Mapping[str, float],
+    seed: int,
+    stated: StatedNoise | None = None,
+) -> Scene:
     """A draw of the points, dithered by a noise just above the likelihood's floor.
 
     Exact points have no scores across their faces, so the sum of the scores' products would not tell how sharp the optimum is.
@@ -81,7 +90,7 @@ def scene_of(points: FloatArray, z_range: tuple[float, float], area_m2: float, s
     chosen = points[sampled_rows(len(points), _POINTS, seed)]
     chosen = chosen + np.random.default_rng(seed).normal(0, _DITHER * sigma_floor(size_m), chosen.shape) * [1, 1, 0]
     first = chosen[sampled_rows(len(chosen), _FIRST_POINTS, seed + 1)]
-    return Scene(first=first, points=chosen, z_range=z_range, area_m2=area_m2, size_m=size_m, fixed=fixed)
+    return Scene(first=first, points=chosen, z_range=z_range, area_m2=area_m2, size_m=size_m, fixed=fixed, stated=stated)
 
 
 def search(scene: Scene, families: Sequence[str], *, may_hide: bool = True, seed: int = 0, begun: Sequence[Start] = ()) -> list[Candidate]:

@@ -21,7 +21,7 @@ from scan2fea.estimation.ends import rough_ends
 from scan2fea.estimation.face_weights import seen_weights
 from scan2fea.estimation.initial import Start, size_of
 from scan2fea.estimation.laws import PLAUSIBLE, law_spread, with_law_spread
-from scan2fea.estimation.likelihood import Layout, SectionModel, bounds, hull_area, model_of, prior, sigma_floor
+from scan2fea.estimation.likelihood import Layout, SectionModel, StatedNoise, bounds, hull_area, model_of, prior, sigma_floor
 from scan2fea.estimation.observability import observable
 from scan2fea.estimation.polish import Polished, polished
 from scan2fea.estimation.scoring import Scored
@@ -32,6 +32,7 @@ from scan2fea.kernel.section_likelihood import faces, radius_factors
 from scan2fea.kernel.sections import PARAMETERS, ROUND
 from scan2fea.options import option
 from scan2fea.types import FloatArray, Value
+from scan2fea.units import MILLIMETRES_PER_METRE
 
 MIN_POINTS = 50
 _HULL_POINTS = 20_000
@@ -41,6 +42,7 @@ _BARS = ("rect", "round")
 _POLISH_BELOW = 0.3  # sigma / t (shape-estimation.md, method 7)
 _EXACT = 0.02  # sigma / t below which the faces alone are as good as the likelihood, whose maximum is then a needle
 _ROUNDING = 1e-7  # of the section's size: how far exact points are known to lie on the faces, and the polish to have ended
+_DENIED = 10.83  # chi-square of one degree, p = 0.001
 _SANDWICH_POINTS = 8_000  # curvature and outer products agree within 2 %
 
 
@@ -51,9 +53,14 @@ class FitOptions:
     hidden_faces: bool = option(True, "also try sections of which some faces were not seen")
     n_bow: int = option(0, "degrees of the axis curve beyond a straight line", minimum=0, maximum=6)
     n_twist: int = option(0, "degrees of the twist along the axis", minimum=0, maximum=4)
-    sigma_error: float | None = option(None, "relative error of a noise that was calibrated elsewhere; none: the noise is fitted", minimum=0.0)
+    sigma_m: float | None = option(None, "noise of the points where it is known, one standard deviation; none: it is fitted", unit="m", minimum=1e-9)
+    sigma_error: float = option(0.02, "how well sigma_m is known, relative", minimum=0.0, maximum=1.0)
     subsample: int = option(20_000, "points that the section is fitted to before all points polish it", minimum=500)
     seed: int = option(0, "of the draws of subsamples", minimum=0)
+
+    @property
+    def stated(self) -> StatedNoise | None:
+        return None if self.sigma_m is None else StatedNoise(sigma_m=self.sigma_m, error=self.sigma_error)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -117,7 +124,7 @@ class _Task(Value):
 
     def model(self, layout: Layout, at_most: int | None = None) -> SectionModel:
         some = self.points if at_most is None else self.points[sampled_rows(len(self.points), at_most, self.options.seed)]
-        model = model_of(some, layout, self.z_range, area_m2=self.area_m2, noise=self.best.noise, face_weight=self.best.face_weight)
+        model = model_of(some, layout, self.z_range, area_m2=self.area_m2, noise=self.best.noise, face_weight=self.best.face_weight, stated=self.options.stated)
         return model if self.arc is None else replace(model, arc=self.arc)
 
     def with_arc(self, layout: Layout, theta: FloatArray) -> _Task:
@@ -153,12 +160,12 @@ def fit_section(
     inside = _between(points, z_used)
     where = f"z {z_used[0]:.6g} .. {z_used[1]:.6g} m"
     require(len(inside) >= MIN_POINTS, InputError, f"only {len(inside)} points lie in {where}; a section needs {MIN_POINTS}")
-    scene = scene_of(inside, z_used, area, size, fixed, options.seed)
+    scene = scene_of(inside, z_used, area, size, fixed, options.seed, options.stated)
     found = search(scene, options.families, may_hide=options.hidden_faces, seed=options.seed, begun=begun)
     if z_range is None:
         z_used = _trimmed(low, high, found[0].layout.sigma(found[0].theta))
         inside = _between(points, z_used)
-        scene = scene_of(inside, z_used, area, size, fixed, options.seed)
+        scene = scene_of(inside, z_used, area, size, fixed, options.seed, options.stated)
         found = near_again(scene, found)
     found = _with_ends(points, found, (low, high), z_used)
     found, noises = with_likeliest_noise(scene, found, tuple(KERNELS) if options.noise == "auto" else (options.noise,))
@@ -172,7 +179,33 @@ def fit_section(
     longer = replace(layout, tilt=True, n_bow=options.n_bow, n_twist=options.n_twist)
     task = _Task(points=inside, z_range=z_used, area_m2=area, size_m=size, fixed=fixed, best=best, options=options)
     task = task.with_arc(layout, theta)
-    return _result(task, *_final(task, longer, layout.moved(theta, longer)), found, noises, turned)
+    last = _final(task, longer, layout.moved(theta, longer))
+    denied = _denied(task, longer, last[1].theta)
+    if denied:
+        free = fit_section(points, replace(options, sigma_m=None), fixed=fixed, z_range=z_range, begun=begun)
+        return replace(free, why={**free.why, "sigma": denied})
+    return _result(task, *last, found, noises, turned)
+
+
+def _denied(task: _Task, layout: Layout, theta: FloatArray) -> str:
+    """Why the points deny the noise that was stated, "" where they do not.
+
+    Freed of it they may be likelier by chance only: twice the gain, and the square of the departure in units of its error, are chi-square of one degree.
+    """
+    stated = task.options.stated
+    if stated is None:
+        return ""
+    held = {name: value for name, value in task.fixed.items() if name in layout.place}
+    model = task.model(layout, task.options.subsample)
+    bound = climbed(model, theta, task.size_m, fixed=held)
+    free = climbed(replace(model, stated=None), bound.theta, task.size_m, fixed=held)
+    mean, sd = prior(layout, stated)
+    at = layout.place["log_sigma"]
+    away = float((bound.theta[at] - mean[at]) / sd[at])
+    if 2 * (free.log_likelihood - bound.log_likelihood) + away**2 <= _DENIED:
+        return ""
+    said, found = (MILLIMETRES_PER_METRE * sigma for sigma in (stated.sigma_m, layout.sigma(free.theta)))
+    return f"the points deny the stated noise of {said:.3g} mm (they have {found:.3g} mm), it was not used"
 
 
 def _checked(points: FloatArray, options: FitOptions, fixed: Mapping[str, float] | None) -> FloatArray:
@@ -250,7 +283,7 @@ def _result(
     model = task.model(layout, _SANDWICH_POINTS)
     misfit = np.ones(len(done.theta))
     if covariance is None:
-        trust = uncertainty(model.sums, done.theta, free, prior(layout), weight=len(task.points) / len(model.xy))
+        trust = uncertainty(model.sums, done.theta, free, prior(layout, task.options.stated), weight=len(task.points) / len(model.xy))
         covariance, misfit = with_law_spread(layout, trust.covariance, noises), trust.misfit
     values, names, sigma = layout.values(done.theta), PARAMETERS[layout.family], layout.sigma(done.theta)
     std = np.sqrt(np.diag(covariance)[: len(values)])
@@ -259,7 +292,7 @@ def _result(
         dict(zip(names, values.tolist(), strict=True)),
         dict(zip(names, std.tolist(), strict=True)),
         sigma,
-        sigma_error=task.options.sigma_error,
+        sigma_error=None if task.options.sigma_m is None else task.options.sigma_error,
         kernel_spread=law_spread(layout.family, noises),
         plausible_spread=law_spread(layout.family, noises, PLAUSIBLE),
     )

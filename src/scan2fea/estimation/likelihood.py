@@ -29,7 +29,16 @@ from scan2fea.types import FloatArray, IntArray, Value
 
 MAX_OUTLIERS = 0.3  # shape-estimation.md, method 3: more than this is another object
 _SIGMA_FLOOR = 5e-4  # of the section's diameter: 0.06 mm for a 127 mm leg
+_STATED_FLOOR = 1e-3  # no noise is known better than to a part in a thousand
 _LOGIT_PRIOR = (-5.0, 1.5)  # same place: mean and sd of log(eps / (1 - eps))
+
+
+@dataclass(frozen=True, kw_only=True)
+class StatedNoise:
+    """sigma_m : standard deviation that was measured elsewhere.   error : how well, relative."""
+
+    sigma_m: float
+    error: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,7 +110,7 @@ class SectionModel(Value):
 
     xy : (n, 2) metres, across the provisional member axis.   zeta : (n,) in [-1, 1] along it.   area_m2 : of the outliers' uniform law.
     face_weight : (f,) points per metre of each face, relative (see `section_likelihood`), before the free ones; None: all alike.
-    arc : of a circle that was seen in part; None: all round.
+    arc : of a circle that was seen in part; None: all round.   stated : noise that is known; None: it is fitted alone.
     """
 
     layout: Layout
@@ -111,6 +120,7 @@ class SectionModel(Value):
     noise: str = "gaussian"
     face_weight: FloatArray | None = None
     arc: Arc | None = None
+    stated: StatedNoise | None = None
 
     @functools.cached_property
     def _free_rows(self) -> list[int]:
@@ -223,10 +233,12 @@ class SectionModel(Value):
         return np.asarray(1 / (1 + np.exp(math.log(eps / self.area_m2) - math.log1p(-eps) - d.logp)))
 
 
-def prior(layout: Layout) -> tuple[FloatArray, FloatArray]:
-    """Mean and sd of every unknown for `scoring.maximise`: only the share of outliers has one."""
+def prior(layout: Layout, stated: StatedNoise | None = None) -> tuple[FloatArray, FloatArray]:
+    """Mean and sd of every unknown for `scoring.maximise`: the share of outliers has one, and noise that was stated."""
     mean, sd = np.zeros(len(layout.names)), np.full(len(layout.names), np.inf)
     mean[layout.place["logit_outliers"]], sd[layout.place["logit_outliers"]] = _LOGIT_PRIOR
+    if stated is not None:
+        mean[layout.place["log_sigma"]], sd[layout.place["log_sigma"]] = math.log(stated.sigma_m), max(stated.error, _STATED_FLOOR)
     return mean, sd
 
 
@@ -278,9 +290,11 @@ def model_of(
     area_m2: float | None = None,
     noise: str = "gaussian",
     face_weight: FloatArray | None = None,
+    stated: StatedNoise | None = None,
 ) -> SectionModel:
     """The model of (n, 3) points in a provisional member frame (z along the axis); zeta runs from -1 to 1 over `z_range`."""
     low, high = z_range
     zeta = (2 * points[:, 2] - low - high) / (high - low)
     xy = np.ascontiguousarray(points[:, :2])
-    return SectionModel(layout=layout, xy=xy, zeta=zeta, area_m2=hull_area(xy) if area_m2 is None else area_m2, noise=noise, face_weight=face_weight)
+    area = hull_area(xy) if area_m2 is None else area_m2
+    return SectionModel(layout=layout, xy=xy, zeta=zeta, area_m2=area, noise=noise, face_weight=face_weight, stated=stated)

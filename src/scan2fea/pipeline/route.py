@@ -25,6 +25,7 @@ from scan2fea.kernel.noise import spacing
 from scan2fea.kernel.sections import PARAMETERS
 from scan2fea.options import option
 from scan2fea.types import Member, Route, Scan, Value
+from scan2fea.units import MILLIMETRES_PER_METRE
 
 ESTIMATION, RECONSTRUCTION = "estimation", "reconstruction"
 
@@ -104,7 +105,7 @@ def estimate(
         return Estimate(member=None, explains=False, reason=str(error))
     if fit.explains:
         member = replace(member, damage=damages(scan.cloud.points, member, member.sigma_m, options.seed))
-    return Estimate(member=member, explains=fit.explains, reason=_reason(fit), p_fixed=fit.p_fixed, given=fit.given)
+    return Estimate(member=member, explains=fit.explains, reason=_reason(fit, options), p_fixed=fit.p_fixed, given=fit.given)
 
 
 def widened(member: Member, between_m: float) -> Member:
@@ -137,11 +138,14 @@ def known_section(route: RouteOptions, table: Table | None) -> KnownSection:
     return KnownSection(family=given.family, fixed=given.parameters)
 
 
-def _reason(fit: MemberFit) -> str:
+def _reason(fit: MemberFit, options: MemberOptions) -> str:
     said = [fit.reason]
     if fit.p_fixed is not None:
         said.append(f"the dimensions given have a p-value of {fit.p_fixed:.3g}")
     said += [fit.why["sensor"]] if "sensor" in fit.why and fit.explains else []
+    if options.sigma_m is not None and fit.method == "density":
+        stated = f"the noise was stated: {MILLIMETRES_PER_METRE * options.sigma_m:.3g} mm, known to {100 * options.sigma_error:g} %"
+        said.append(fit.why.get("sigma", stated))
     denied = contradictions(fit.given)
     return "; ".join([*said, denied] if denied else said)
 

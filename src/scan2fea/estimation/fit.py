@@ -190,7 +190,8 @@ def fit_section(
 def _denied(task: _Task, layout: Layout, theta: FloatArray) -> str:
     """Why the points deny the noise that was stated, "" where they do not.
 
-    Freed of it they may be likelier by chance only: twice the gain, and the square of the departure in units of its error, are chi-square of one degree.
+    Freed of it they may be likelier by chance only: twice the gain and the square of the departure, in units of its error, are together chi-square
+    of one degree.
     """
     stated = task.options.stated
     if stated is None:

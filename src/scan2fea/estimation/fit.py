@@ -124,7 +124,9 @@ class _Task(Value):
 
     def model(self, layout: Layout, at_most: int | None = None) -> SectionModel:
         some = self.points if at_most is None else self.points[sampled_rows(len(self.points), at_most, self.options.seed)]
-        model = model_of(some, layout, self.z_range, area_m2=self.area_m2, noise=self.best.noise, face_weight=self.best.face_weight, stated=self.options.stated)
+        model = model_of(
+            some, layout, self.z_range, area_m2=self.area_m2, noise=self.best.noise, face_weight=self.best.face_weight, stated=self.options.stated
+        )  # fmt: skip
         return model if self.arc is None else replace(model, arc=self.arc)
 
     def with_arc(self, layout: Layout, theta: FloatArray) -> _Task:

@@ -68,5 +68,40 @@ def test_k_nearest_equals_brute_force_and_never_pads():
     np.testing.assert_array_equal(index, np.argsort(true, axis=1)[:, :4])
     assert k_nearest(points[:3], 10)[0].shape == (3, 3)
     assert k_nearest(points, 1)[1][:, 0].tolist() == list(range(50))
+    flat = np.random.default_rng(4).random((60, 2))
+    np.testing.assert_array_equal(k_nearest(flat, 5)[1], np.argsort(np.linalg.norm(flat[:, None] - flat[None], axis=2), axis=1)[:, :5])
+    assert k_nearest(points, 2, points[:0])[0].shape == (0, 2)
+    with pytest.raises(InternalError, match="not finite"):
+        k_nearest(np.array([[0.0, 0.0, np.nan]]), 1)
     with pytest.raises(InternalError, match="at least one point"):
         k_nearest(points[:0], 1)
+
+
+@pytest.mark.parametrize(("n", "m", "k"), [(1, 3, 1), (17, 17, 17), (4000, 0, 16), (4000, 4000, 3), (4000, 9, 40), (33, 2000, 5), (70_000, 0, 7)])
+def test_k_nearest_equals_a_search_query_by_query(n, m, k):
+    """Sheets, a line and crowded spots: leaves of every shape. More than one block at the last."""
+    rng = np.random.default_rng(n + m + k)
+    row = np.arange(n)[:, None]
+    points = rng.normal(size=(n, 3)) * np.where(row % 3 == 0, [5.0, 1e-3, 0.0], [1.0, 1.0, 1e-2]) * 10.0 ** (row % 5 - 2)
+    queries = None if m == 0 else rng.normal(size=(m, 3)) * [4.0, 1.0, 2.0]
+    distance, index = k_nearest(points, k, queries)
+    known = cKDTree(points).query(points if queries is None else queries, k=[*range(1, k + 1)])
+    np.testing.assert_array_equal(distance, known[0])
+    np.testing.assert_array_equal(index, known[1])
+
+
+def test_neighbours_equally_far_come_by_row():
+    grid = np.stack(np.meshgrid(*[np.arange(6.0)] * 3), -1).reshape(-1, 3)
+    grid = np.concatenate([grid, grid])[np.random.default_rng(0).permutation(432)]
+    distance, index = k_nearest(grid, 30)
+    true = ((grid[:, None] - grid[None]) ** 2).sum(axis=2)
+    np.testing.assert_array_equal(index, np.argsort(true, axis=1, kind="stable")[:, :30])
+    np.testing.assert_array_equal(distance, np.sqrt(np.sort(true, axis=1)[:, :30]))
+
+
+def test_components_of_sheets_lines_and_crowds():
+    rng = np.random.default_rng(5)
+    points = rng.normal(size=(6000, 3)) * np.where(np.arange(6000)[:, None] % 3 == 0, [5.0, 1e-3, 0.0], [1.0, 1.0, 1e-2])
+    points = np.concatenate([points, points[:50]])
+    for radius in (1e-9, 3e-3, 0.02, 0.05, 0.2, 50.0):
+        assert_same_partition(radius_components(points, radius), brute_force(points, radius) if radius < 50 else np.zeros(6050, int))

@@ -15,14 +15,13 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import cKDTree
 
 from scan2fea.errors import UsageError, require
 from scan2fea.filtering.options import FilteringOptions
-from scan2fea.kernel.threads import in_threads
+from scan2fea.kernel.neighbors import nearest_in_blocks
 from scan2fea.types import BoolArray, FloatArray, Value
 
-_BLOCK, _AT_ONCE = 50_000, 4
+_BLOCK = 50_000
 _NEIGHBOUR_QUANTILE = 0.8
 _LEAST_RATIO = 3.0  # the corner of a plate sees a quarter of a disc: twice the distance; three times is no corner
 _SIGMAS = 6.0
@@ -65,17 +64,10 @@ def outliers(points: FloatArray, options: FilteringOptions = FilteringOptions())
 
 
 def _neighbours(points: FloatArray, k: int) -> _Neighbours:
-    tree = cKDTree(points)
     n = len(points)
     mean, kth, first, row = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, k), np.int32)
-
-    def fill(start: int) -> None:
-        part = slice(start, start + _BLOCK)
-        distance, index = tree.query(points[part], k=[*range(1, k + 2)], workers=1)
-        distance, index = np.asarray(distance), np.asarray(index)
-        mean[part], kth[part], first[part], row[part] = distance[:, 1:].mean(axis=1), distance[:, k], distance[:, 1], index[:, 1:]
-
-    in_threads(fill, range(0, n, _BLOCK), _AT_ONCE)
+    for rows, distance, index in nearest_in_blocks(points, k + 1):
+        mean[rows], kth[rows], first[rows], row[rows] = distance[:, 1:].mean(axis=1), distance[:, k], distance[:, 1], index[:, 1:]
     return _Neighbours(mean=mean, kth=kth, row=row, first=first)
 
 

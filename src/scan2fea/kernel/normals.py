@@ -7,10 +7,8 @@ import math
 import numpy as np
 
 from scan2fea.kernel.jit import jit
-from scan2fea.kernel.neighbors import k_nearest
+from scan2fea.kernel.neighbors import k_nearest, nearest_in_blocks
 from scan2fea.types import FloatArray, IntArray
-
-_BLOCK = 200_000  # points per block, so that the neighbour lists of a large cloud stay small
 
 
 def pca_normals(points: FloatArray, k: int = 12) -> FloatArray:
@@ -21,9 +19,9 @@ def pca_normals(points: FloatArray, k: int = 12) -> FloatArray:
     """
     normals = np.zeros((len(points), 3))
     xyz = np.ascontiguousarray(points, float)
-    for first in range(0, len(points), _BLOCK):
-        _, near = k_nearest(xyz, k, xyz[first : first + _BLOCK])
-        normals[first : first + _BLOCK] = _fit(xyz, near)
+    if len(points):
+        for rows, _, near in nearest_in_blocks(xyz, min(k, len(points))):
+            normals[rows] = _fit(xyz, near)
     return normals
 
 

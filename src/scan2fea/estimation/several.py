@@ -18,6 +18,7 @@ from scan2fea.errors import EstimationError, InputError
 from scan2fea.estimation.axis import axes_of
 from scan2fea.estimation.member import MemberFit, MemberOptions, fit_member
 from scan2fea.estimation.swept import sweep_of_member
+from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import noise_sigma, sampled_rows
 from scan2fea.types import BoolArray, FloatArray, IntArray, PointCloud, Scan, Value
 
@@ -66,7 +67,7 @@ def several_members(points: FloatArray, fit: MemberFit | None, options: MemberOp
         found = None if part is None else _both(points[some], part, "crossing", options)
     if found is None:
         return None
-    near = cKDTree(points[some]).query(points)[1]
+    near = k_nearest(points[some], 1, points)[1][:, 0]
     return Several(how=found.how, families=found.families, apart_m=found.apart_m, of=found.of[near])
 
 
@@ -154,7 +155,7 @@ def _refined(normals: FloatArray, axis: FloatArray) -> FloatArray:
 
 
 def _normals(points: FloatArray) -> FloatArray:
-    near = np.asarray(cKDTree(points).query(points, k=min(_NEIGHBOURS, len(points)))[1])
+    near = k_nearest(points, _NEIGHBOURS)[1]
     local = points[near] - points[near].mean(axis=1, keepdims=True)
     return np.asarray(np.linalg.eigh(np.einsum("nki,nkj->nij", local, local))[1][:, :, 0])
 

@@ -1,20 +1,24 @@
 """The Euclidean minimum spanning tree of a cloud: what single linkage is made of (Gower and Ross 1969), without all pairs.
 
-Boruvka's rounds (1926) over a tree of boxes (Bentley 1975): in each round every part finds the shortest edge that leaves it. A box that lies wholly
-in the part of the point that asks, or farther than what the part already has, is passed over; the distance that a point found, or did not beat, stays
-a lower bound in later rounds, as the points outside its part only become fewer.
+Boruvka's rounds (1926): in each round every part finds the shortest edge that leaves it. The nearest few of each point serve most of them; a point
+that has all of these in its own part asks a tree of boxes (Bentley 1975). A box that lies wholly in that part, or farther than what the part already
+has, is passed over; the distance that a point found, or did not beat, stays a lower bound in later rounds, as the points outside its part only
+become fewer.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from scan2fea.errors import InternalError, require
 from scan2fea.kernel.jit import jit
+from scan2fea.kernel.near_tree import near_tree, nearest_of_leaves
 from scan2fea.kernel.union_find import join, root
 from scan2fea.types import FloatArray, IntArray
 
-_LEAF = 12
+_FEW = 8  # neighbours of each point that are looked at before the tree is asked
 
 
 def spanning_tree(points: FloatArray) -> tuple[IntArray, FloatArray]:
@@ -26,10 +30,11 @@ def spanning_tree(points: FloatArray) -> tuple[IntArray, FloatArray]:
     n = len(points)
     if n < 2:
         return np.zeros((0, 2), np.int64), np.zeros(0)
-    xyz = np.ascontiguousarray(points, float)
-    order, start, stop, left, box = _boxes(xyz)
-    edges, squared = _boruvka(np.ascontiguousarray(xyz[order]), start, stop, left, box)
-    rows = np.sort(order[edges], axis=1)
+    tree = near_tree(points)
+    placed = replace(tree, order=np.arange(n))  # rows below count in the order of the leaves
+    _, far, near = nearest_of_leaves(placed, placed, min(_FEW + 1, n), 0, placed.n_leaves)
+    edges, squared = _boruvka(tree.xyz, tree.boxes, tree.levels, far, near)
+    rows = np.sort(tree.order[edges], axis=1)
     length = np.sqrt(squared)
     ranked = np.lexsort((rows[:, 1], rows[:, 0], length))
     return rows[ranked], length[ranked]
@@ -57,137 +62,95 @@ def _parts(edges: IntArray, n: int) -> IntArray:
 
 
 @jit
-def _halve(points: FloatArray, order: IntArray, low: int, high: int, axis: int) -> None:
-    """Reorder order[low:high] so that its middle row has the rank it would have if sorted along the axis (Hoare's selection)."""
-    middle = (low + high) // 2
-    first, last = low, high - 1
-    while first < last:
-        pivot = points[order[(first + last) // 2], axis]
-        i, j = first, last
-        while i <= j:
-            while points[order[i], axis] < pivot:
-                i += 1
-            while points[order[j], axis] > pivot:
-                j -= 1
-            if i <= j:
-                order[i], order[j] = order[j], order[i]
-                i += 1
-                j -= 1
-        if middle <= j:
-            last = j
-        elif middle >= i:
-            first = i
-        else:
-            break
-
-
-@jit
-def _boxes(points: FloatArray) -> tuple[IntArray, IntArray, IntArray, IntArray, FloatArray]:
-    """Points in order of the tree; start, stop and first child (-1: a leaf; the second follows it) of each node; its box (nodes, 2, 3)."""
-    n = len(points)
-    size = 4 * (n // _LEAF + 1) + 8
-    order = np.arange(n)
-    start, stop, left = np.zeros(size, np.int64), np.zeros(size, np.int64), np.full(size, -1, np.int64)
-    box = np.zeros((size, 2, 3))
-    stop[0] = n
-    count, node = 1, 0
-    while node < count:
-        a, b = start[node], stop[node]
-        for axis in range(3):
-            lowest, highest = np.inf, -np.inf
-            for i in range(a, b):
-                value = points[order[i], axis]
-                lowest, highest = min(lowest, value), max(highest, value)
-            box[node, 0, axis], box[node, 1, axis] = lowest, highest
-        if b - a > _LEAF:
-            axis = int(np.argmax(box[node, 1] - box[node, 0]))
-            _halve(points, order, a, b, axis)
-            middle = (a + b) // 2
-            left[node] = count
-            start[count], stop[count] = a, middle
-            start[count + 1], stop[count + 1] = middle, b
-            count += 2
-        node += 1
-    return order, start[:count], stop[:count], left[:count], box[:count]
-
-
-@jit
-def _gap(points: FloatArray, p: int, box: FloatArray) -> float:
+def _gap(points: FloatArray, p: int, boxes: FloatArray, node: int) -> float:
     """Squared distance from a point to a box."""
     total = 0.0
     for axis in range(3):
-        value = points[p, axis]
-        away = max(box[0, axis] - value, value - box[1, axis], 0.0)
+        away = max(boxes[node, axis] - points[p, axis], points[p, axis] - boxes[node, 3 + axis], 0.0)
         total += away * away
     return total
 
 
 @jit
+def _squared(points: FloatArray, p: int, q: int) -> float:
+    return float((points[p, 0] - points[q, 0]) ** 2 + (points[p, 1] - points[q, 1]) ** 2 + (points[p, 2] - points[q, 2]) ** 2)
+
+
+@jit
 def _nearest_outside(
-    points: FloatArray, p: int, bound: float, part: IntArray, of_node: IntArray, start: IntArray, stop: IntArray, left: IntArray, box: FloatArray,
-    nodes: IntArray, gaps: FloatArray
-) -> tuple[int, float]:  # fmt: skip
+    points: FloatArray, p: int, bound: float, part: IntArray, of_node: IntArray, boxes: FloatArray, levels: int, nodes: IntArray, gaps: FloatArray
+) -> tuple[int, float]:
     """The nearest point of another part that is nearer than `bound` (squared), or -1; nodes, gaps: room for the walk."""
-    own, found = part[p], -1
+    n, own, found, leaf0 = len(points), part[p], -1, (1 << levels) - 1
     nodes[0], gaps[0], top = 0, 0.0, 1
     while top > 0:
         top -= 1
         node = nodes[top]
         if gaps[top] >= bound or of_node[node] == own:
             continue
-        child = left[node]
-        if child < 0:
-            for q in range(start[node], stop[node]):
+        if node >= leaf0:
+            for q in range((n * (node - leaf0)) >> levels, (n * (node - leaf0 + 1)) >> levels):
                 if part[q] != own:
-                    d = (points[p, 0] - points[q, 0]) ** 2 + (points[p, 1] - points[q, 1]) ** 2 + (points[p, 2] - points[q, 2]) ** 2
+                    d = _squared(points, p, q)
                     if d < bound:
                         bound, found = d, q
             continue
-        one, two = _gap(points, p, box[child]), _gap(points, p, box[child + 1])
-        near, far = (child, child + 1) if one <= two else (child + 1, child)
-        nodes[top], gaps[top] = far, max(one, two)
-        nodes[top + 1], gaps[top + 1] = near, min(one, two)
+        near, far = 2 * node + 1, 2 * node + 2
+        one, two = _gap(points, p, boxes, near), _gap(points, p, boxes, far)
+        if two < one:
+            near, far, one, two = far, near, two, one
+        nodes[top], gaps[top] = far, two
+        nodes[top + 1], gaps[top + 1] = near, one
         top += 2
     return found, bound
 
 
 @jit
-def _mark(part: IntArray, of_node: IntArray, start: IntArray, stop: IntArray, left: IntArray) -> None:
-    """The part that all points of each node belong to, -1 where there are several. Children come after their parents."""
-    for node in range(len(start) - 1, -1, -1):
-        if left[node] >= 0:
-            a, b = of_node[left[node]], of_node[left[node] + 1]
-            of_node[node] = a if a == b else -1
-        else:
-            of_node[node] = part[start[node]]
-            for q in range(start[node] + 1, stop[node]):
-                if part[q] != part[start[node]]:
-                    of_node[node] = -1
+def _mark(part: IntArray, of_node: IntArray, levels: int) -> None:
+    """The part that all points of each node belong to, -1 where there are several."""
+    n, leaf0 = len(part), (1 << levels) - 1
+    for leaf in range(leaf0 + 1):
+        first, stop = (n * leaf) >> levels, (n * (leaf + 1)) >> levels
+        of_node[leaf0 + leaf] = part[first]
+        for q in range(first + 1, stop):
+            if part[q] != part[first]:
+                of_node[leaf0 + leaf] = -1
+                break
+    for node in range(leaf0 - 1, -1, -1):
+        a, b = of_node[2 * node + 1], of_node[2 * node + 2]
+        of_node[node] = a if a == b else -1
 
 
 @jit
-def _boruvka(points: FloatArray, start: IntArray, stop: IntArray, left: IntArray, box: FloatArray) -> tuple[IntArray, FloatArray]:
-    n = len(points)
-    parent, part, lower = np.arange(n), np.arange(n), np.zeros(n)
-    of_node = np.full(len(start), -1, np.int64)
-    nodes, gaps = np.zeros(256, np.int64), np.zeros(256)
+def _boruvka(points: FloatArray, boxes: FloatArray, levels: int, far: FloatArray, near: IntArray) -> tuple[IntArray, FloatArray]:
+    n, few = near.shape
+    parent, part, lower, next_near = np.arange(n), np.arange(n), np.zeros(n), np.zeros(n, np.int64)
+    of_node = np.full(len(boxes), -1)
+    nodes, gaps = np.zeros(levels + 2, np.int64), np.zeros(levels + 2)
     edges, squared = np.zeros((n - 1, 2), np.int64), np.zeros(n - 1)
     best, one, two = np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.int64)
     count = 0
     while count < n - 1:
-        _mark(part, of_node, start, stop, left)
+        _mark(part, of_node, levels)
         best[:] = np.inf
         for p in range(n):
             own = part[p]
             if lower[p] >= best[own]:
                 continue
-            q, d = _nearest_outside(points, p, best[own], part, of_node, start, stop, left, box, nodes, gaps)
+            while next_near[p] < few and part[near[p, next_near[p]]] == own:
+                next_near[p] += 1
+            if next_near[p] < few:
+                q = near[p, next_near[p]]
+                d = _squared(points, p, q)
+            else:
+                q, d = -1, far[p, few - 1] ** 2 * (1.0 - 1e-14)  # no shorter edge leaves p, whatever the root has rounded
+                if d < best[own]:
+                    q, d = _nearest_outside(points, p, best[own], part, of_node, boxes, levels, nodes, gaps)
             lower[p] = d
-            if q >= 0:
+            if q >= 0 and d < best[own]:
                 best[own], one[own], two[own] = d, p, q
-                other = part[q]
-                if d < best[other]:
-                    best[other], one[other], two[other] = d, q, p
+            if q >= 0 and d < best[part[q]]:
+                best[part[q]], one[part[q]], two[part[q]] = d, q, p
         for c in range(n):
             if part[c] == c and best[c] < np.inf and join(parent, c, part[two[c]]):
                 edges[count, 0], edges[count, 1], squared[count] = one[c], two[c], best[c]

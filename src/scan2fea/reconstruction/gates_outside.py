@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 from scipy.special import ndtr
 
 from scan2fea.kernel.distances import sample_surface
 from scan2fea.kernel.measures import face_normals
+from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.winding import layout, winding
 from scan2fea.reconstruction.evidence import Evidence, Unseen, around, at_least, at_most, wall_m
 from scan2fea.reconstruction.outside import LEAK_TOLERATED, Flood
@@ -38,7 +38,7 @@ def winding_agrees(evidence: Evidence) -> tuple[Check, Check]:
     h = evidence.spacing_m
     places, face = sample_surface(evidence.mesh, SAMPLES, seed=0)
     out = face_normals(evidence.mesh)[face]
-    row = np.asarray(cKDTree(evidence.smoothed).query(places)[1], np.int64)
+    row = k_nearest(evidence.smoothed, 1, places)[1][:, 0]
     under = np.fmin(h, WALL_SHARE * evidence.thickness_m[row])[:, None]
     over = np.fmin(h, WALL_SHARE * evidence.gap_m[row])[:, None]
     asked = np.vstack([places - under * out, places + over * out])

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from scan2fea.kernel.coverage import unmeasured_share
 from scan2fea.kernel.measures import face_normals, volume
+from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.topology import edge_table, half_edges
 from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN
 from scan2fea.reconstruction.evidence import Evidence, around, at_least, at_most, mm, wall_m
@@ -133,7 +133,7 @@ def patch_moments(points: FloatArray, normals: FloatArray, signed: FloatArray) -
     rows = np.linspace(0, len(points) - 1, min(len(points), SAMPLES)).astype(np.int64)
     if len(points) < PATCH:
         return np.zeros(0), np.zeros(0)
-    near = np.asarray(cKDTree(points).query(points[rows], k=[*range(1, PATCH + 1)])[1], np.int64)
+    near = k_nearest(points, PATCH, points[rows])[1]
     same = np.einsum("nc,nkc->nk", normals[rows], normals[near]) > SAME_FACE
     count = same.sum(axis=1)
     mean = np.where(same, signed[near], 0.0).sum(axis=1) / np.maximum(count, 1)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from scan2fea.kernel.jit import jit
 from scan2fea.kernel.neighbors import k_nearest, slot_of, sorted_into_cells
@@ -37,7 +36,7 @@ def outer_side(points: FloatArray, sensors: FloatArray, normals: FloatArray | No
         unit[given] = normals[given]
         lost = lost & ~given
     if lost.any():
-        near = cKDTree(points[known]).query(points[lost], k=[*range(1, min(NEIGHBORS, int(known.sum())) + 1)])[1]
+        near = k_nearest(points[known], NEIGHBORS, points[lost])[1]
         unit[lost] = unit[known][near].sum(axis=1)
     return unit
 

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.jit import jit
@@ -74,7 +73,7 @@ def wall_ends(evidence: Evidence) -> Check:
 def stretches(evidence: Evidence) -> list[Stretch]:
     """Ends of walls that were due EXPECTED points and have none."""
     mesh, wall = evidence.mesh, wall_m(evidence)
-    corner = np.asarray(cKDTree(evidence.smoothed).query(mesh.vertices)[1], np.int64)[mesh.faces]
+    corner = k_nearest(evidence.smoothed, 1, mesh.vertices)[1][:, 0][mesh.faces]
     normal = evidence.normals[corner]
     bent = np.einsum("fkc,fkc->fk", normal, np.roll(normal, -1, axis=1)).min(axis=1) < FLAT
     points = np.unique(corner[bent])

@@ -141,6 +141,19 @@ def test_multigrid_leaves_the_global_generator_alone(case):
     assert first.tobytes() == Multigrid(system, rigid_fields(nodes), held, 0.0).apply(right).tobytes()
 
 
+def test_a_cycle_is_one_symmetric_positive_operator_on_each_column(case):
+    """What conjugate gradients and LOBPCG ask of it: sweeps up are the transposes of those down; columns do not see each other."""
+    system, nodes, held, _ = case
+    cycle = Multigrid(system, rigid_fields(nodes), held, 0.0)
+    x = np.random.default_rng(2).normal(size=(len(nodes), 3, 4)) * ~held[:, None, None]
+    y = cycle.apply(x)
+    assert (y[held] == 0).all()
+    alone = np.concatenate([cycle.apply(x[:, :, [c]]) for c in range(4)], axis=2)
+    assert np.abs(y - alone).max() <= 1e-12 * np.abs(y).max()
+    gram = np.einsum("nar,nas->rs", x, y)
+    assert np.abs(gram - gram.T).max() <= 1e-10 * np.abs(gram).max() and np.linalg.eigvalsh((gram + gram.T) / 2)[0] > 0
+
+
 def test_one_factorisation_serves_every_support_on_the_last_nodes(case):
     """Single directions too; a support elsewhere has factors of its own."""
     system, nodes, held, _ = case

@@ -143,4 +143,5 @@ def _level(level: Any) -> _Level:
     diagonal = np.zeros((n, *matrix.blocksize))
     diagonal[row[on]] = np.linalg.pinv(matrix.data[on], hermitian=True)  # an aggregate of few nodes has fewer than six motions
     up = sp.csr_array(level.P)
-    return _Level(indptr=matrix.indptr, indices=matrix.indices, blocks=matrix.data, diagonal=diagonal, up=up, down=sp.csr_array(up.T))
+    indptr, indices = matrix.indptr.astype(np.int64), matrix.indices.astype(np.int64)
+    return _Level(indptr=indptr, indices=indices, blocks=matrix.data, diagonal=diagonal, up=up, down=sp.csr_array(up.T))

@@ -9,7 +9,8 @@ from scan2fea.kernel.measures import area, face_normals, volume
 from scan2fea.reconstruction import visibility
 from scan2fea.reconstruction.evidence import Evidence, at_least, at_most, scatter_m, wall_m
 from scan2fea.reconstruction.gates import failed, gates_seen
-from scan2fea.reconstruction.gates_surface import RIM_LOSS, coverage, mean_curvature, merged, patch_moments, resolution, rims
+from scan2fea.reconstruction.gates_surface import RIM_LOSS, coverage, mean_curvature, merged, mixed, patch_moments, resolution, rims
+from scan2fea.reconstruction.hidden_volume import REACH, REACH_UNSEEN, hidden_volume
 from scan2fea.types import PointCloud, Scan
 from scanned import DENSITY
 
@@ -119,7 +120,33 @@ def test_two_sheets_in_one_are_noticed(plate):
 
 def test_seen_checks_pass_on_the_truth(plate):
     mesh, points, normals = plate
-    assert not failed(gates_seen(evidence_of(mesh, points, normals)))
+    assert not failed(gates_seen(evidence_of(mesh, points, normals), 0.9))
+    (lost,) = failed(gates_seen(evidence_of(mesh, points, normals), np.nextafter(0.9, 0)))  # the cut emptied walls that were seen
+    assert lost.name == "cut agrees with normals"
+
+
+def test_noise_past_the_middle_of_a_wall(plate):
+    """Points of both faces, each told by the side of the middle it lies on, keep this much less between their means; at a tenth nothing."""
+    mesh, points, normals = plate
+    rng = np.random.default_rng(0)
+    for noise in (0.1, 0.2, 0.3):
+        (found,) = mixed(evidence_of(mesh, points, normals, sigma_m=noise * T))
+        depth = noise * rng.normal(size=400_000)  # of one face, inward, in thicknesses
+        lost = 2 * np.mean(depth * (depth > 0.5))
+        assert found.value == pytest.approx(lost, abs=0.002) and found.passed == (found.value <= 0.05)
+    assert mixed(evidence_of(mesh, points, normals, sigma_m=0.1 * T))[0].value < 1e-6
+    assert mixed(evidence_of(mesh, points, normals, thickness_m=np.full(len(points), np.nan), sigma_m=T)) == ()
+
+
+def test_a_gap_counts_where_no_sight_line_tells_it_from_a_hole():
+    ball = sphere(1.0, rounds=5)
+    points, _ = sampled(ball, 0.06)
+    assert hidden_volume(ball, points, 0.06, REACH_UNSEEN).value < 1e-4  # random points leave that little bare
+    gap = points[np.linalg.norm(points - [0.0, 0.0, 1.0], axis=1) > 2.9 * 0.06]
+    assert hidden_volume(ball, gap, 0.06, REACH).value == 0.0
+    bare = (2.9 - REACH_UNSEEN) * 0.06  # radius of what is bare, if points stood on the very border of the gap; they stand half a spacing off
+    least, most = (0.5 * np.pi * radius**3 / volume(ball) for radius in (bare, bare + 0.03))
+    assert least < hidden_volume(ball, gap, 0.06, REACH_UNSEEN).value < most
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.15])

@@ -17,7 +17,9 @@ BARE_FACES = "flat faces without points"
 EDGES_CUT = "edges between points"
 EDGES_GROWN = "edges in the noise"
 PLACE = "place of the planes"
-SHARES = {HIDDEN_VOLUME: 1.0, WALL_ENDS: 1.0, BARE_FACES: 1.0, EDGES_CUT: 1.0, EDGES_GROWN: 1.0, PLACE: 2.0}  # a standard deviation counts twice
+MIXED = "noise past the middle of walls"
+SHARES = dict.fromkeys((HIDDEN_VOLUME, WALL_ENDS, BARE_FACES, EDGES_CUT, EDGES_GROWN, MIXED), 1.0)
+SHARES[PLACE] = 2.0  # a standard deviation counts twice
 
 
 def volume_in_doubt(checks: tuple[Check, ...]) -> Check:

@@ -14,8 +14,8 @@ from scan2fea.kernel.measures import face_normals
 from scan2fea.reconstruction.budget import VOLUME_IN_DOUBT, volume_in_doubt
 from scan2fea.reconstruction.evidence import Evidence, Unseen, scatter_m, wall_m
 from scan2fea.reconstruction.gates_outside import both_faces, cut_agrees, open_inside, signs_agree, winding_agrees
-from scan2fea.reconstruction.gates_surface import coverage, deviation, merged, patch_moments, resolution, rims, solid_core, stray
-from scan2fea.reconstruction.hidden_volume import hidden_volume
+from scan2fea.reconstruction.gates_surface import coverage, deviation, merged, mixed, patch_moments, resolution, rims, solid_core, stray
+from scan2fea.reconstruction.hidden_volume import REACH, REACH_UNSEEN, hidden_volume
 from scan2fea.reconstruction.wall_ends import wall_ends
 from scan2fea.types import Check
 
@@ -26,8 +26,8 @@ QUIET = 0.05  # spacings: what a surface may lie off its points without any nois
 STRAY_SIGMAS, STRAY_SPACINGS = 3.0, 0.5
 
 
-def gates_seen(evidence: Evidence) -> tuple[Check, ...]:
-    """The checks where sensor positions are known."""
+def gates_seen(evidence: Evidence, held: float) -> tuple[Check, ...]:
+    """The checks where sensor positions are known. held : share of the points under which the cut found the inside."""
     nearest = PointToMesh(evidence.mesh).nearest(evidence.measured)
     sigma = scatter_m(evidence, nearest.distance)
     limit = DEVIATION_SEEN * (sigma + QUIET * evidence.spacing_m)
@@ -37,6 +37,7 @@ def gates_seen(evidence: Evidence) -> tuple[Check, ...]:
         *coverage(evidence, UNMEASURED_SEEN, sigma),
         hidden_volume(evidence.mesh, evidence.backed, evidence.spacing_m),
         wall_ends(evidence),
+        cut_agrees(held),
         deviation(nearest.distance, limit),
     )
 
@@ -52,8 +53,9 @@ def gates_unseen(evidence: Evidence, unseen: Unseen) -> tuple[Check, ...]:
     return in_all(
         both_faces(evidence.points, unseen.flood),
         *resolution(evidence),
+        *mixed(evidence),
         *coverage(evidence, UNMEASURED_UNSEEN, sigma),
-        hidden_volume(evidence.mesh, evidence.backed, evidence.spacing_m),
+        hidden_volume(evidence.mesh, evidence.backed, evidence.spacing_m, REACH_UNSEEN),
         wall_ends(evidence),
         *winding_agrees(evidence),
         signs_agree(evidence, unseen),
@@ -79,7 +81,7 @@ def gates_again(evidence: Evidence, before: tuple[Check, ...], seen: bool) -> tu
         *resolution(evidence),
         *rims(evidence),
         *coverage(evidence, UNMEASURED_SEEN if seen else UNMEASURED_UNSEEN, sigma),
-        hidden_volume(evidence.mesh, evidence.backed, evidence.spacing_m),
+        hidden_volume(evidence.mesh, evidence.backed, evidence.spacing_m, REACH if seen else REACH_UNSEEN),
         wall_ends(evidence),
         deviation(distance, (DEVIATION_SEEN if seen else DEVIATION_UNSEEN) * (sigma + least)),
         stray(points, distance, STRAY_SIGMAS * sigma + STRAY_SPACINGS * evidence.spacing_m),

@@ -10,7 +10,7 @@ from scan2fea.kernel.coverage import unmeasured_share
 from scan2fea.kernel.measures import face_normals, volume
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.topology import edge_table, half_edges
-from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN
+from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, MIXED
 from scan2fea.reconstruction.evidence import Evidence, around, at_least, at_most, mm, wall_m
 from scan2fea.reconstruction.outside import Flood
 from scan2fea.types import Check, FloatArray, TriangleMesh
@@ -22,6 +22,7 @@ RIM_SPACING = 0.05  # of the volume that the spacing cuts off at rims
 RIM_LOSS = 0.28  # h^2 per unit of mean curvature: what a surface through random points cuts off a square edge (0.22 h^2 per length)
 REACH_SPACINGS, REACH_SIGMAS = 3.0, 3.0  # a place with no measured point of its own side nearer than this is not measured
 INFERRED = 0.55  # of the area: the hidden face of a plate that lies on a table is a little less than half
+MIXED_SHARE = 0.05  # of the volume that such points may take from walls
 STRAY = 0.01
 MERGED, MERGED_KURTOSIS = 0.02, 1.6  # two sheets in one: residuals of two values have kurtosis 1, a normal distribution 3
 CORE_KURTOSIS = 2.3  # two sheets +-t/2 with noise 0.3 t: 1.9; one sheet: 2.8 over 32 points
@@ -50,6 +51,24 @@ def resolution(evidence: Evidence) -> tuple[Check, ...]:
             f"points {mm(spacing)} apart against a wall of {mm(wall)}: limit {SPACING_OVER_WALL} x wall; scan more densely, or fit the member",
         ),
     )
+
+
+def mixed(evidence: Evidence) -> tuple[Check, ...]:
+    """Volume that may be lost where no sensor says on which face of a wall a point lies, and noise carries points past its middle.
+
+    Of normal noise sigma about a face, the part beyond t/2 takes sigma phi(t / (2 sigma)) from the mean depth of its points if it is given to
+    the other face; a wall has two.
+    """
+    wall = wall_m(evidence)
+    if not math.isfinite(wall) or evidence.sigma_m <= 0.0:
+        return ()
+    noise = evidence.sigma_m / wall
+    share = 2.0 * noise * math.exp(-0.125 / noise**2) / math.sqrt(2.0 * math.pi)
+    says = (
+        f"noise {mm(evidence.sigma_m)} carries points past the middle of a wall of {mm(wall)}: {share:.1%} of the volume is open "
+        f"(limit {MIXED_SHARE:.0%}); give the sensor position, scan with less noise, or fit the member"
+    )
+    return (at_most(MIXED, share, MIXED_SHARE, says),)
 
 
 def rims(evidence: Evidence) -> tuple[Check, ...]:

@@ -118,7 +118,7 @@ def _seen(scan: Scan, options: VisibilityOptions, sensors: FloatArray, spacing_m
         is_inferred=cloud.is_inferred,
         sensors=sensors,
     )
-    return _result(carved, spacing_m, sigma, "sensors", "known", gates_seen(evidence), {"rays_blocked": blocked})
+    return _result(carved, spacing_m, sigma, "sensors", "known", gates_seen(evidence, carved.labels.held), {"rays_blocked": blocked})
 
 
 def _unseen(scan: Scan, options: VisibilityOptions, sensor: str, how: Mapping[str, float | str], hidden: FloatArray | None = None) -> Reconstruction:

@@ -27,6 +27,7 @@ from scan2fea.estimation.prismatic import is_prismatic
 from scan2fea.estimation.swept import sweep_of
 from scan2fea.estimation.systematic import even_spacing, face_error, thinned_spacing, widened
 from scan2fea.estimation.with_rays import needs_rays, refined, sensor_inside
+from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.pinned import SEEN
 from scan2fea.kernel.section_likelihood import face_lengths, faces
 from scan2fea.kernel.sections import PARAMETERS
@@ -36,6 +37,7 @@ _SOLID = {"RHS": "rect", "C": "rect", "I": "rect", "L": "rect", "T": "rect", "CH
 _BLIND = "the sheet is thinner than two sigma of the noise; it may have been seen from one side only"
 _FREE_FORM = "along no axis do the points lie on the outline of a section, they fill areas: a free form, such as a sphere, and no member"
 _OFF = 0.01  # share of the points in cells that are off, beyond which a changing section is looked for
+_ASKED_FIRST = 8_000  # points
 _CROWDED = 0.2  # share of the points that crowd off the member, four times what is allowed
 _HOPELESS = 2.0  # scatter beyond that of neighbours over mill tolerance, four times what is allowed: another shape, whatever the rays say
 
@@ -126,7 +128,13 @@ def _may_change(found: MemberFit, fixed: Mapping[str, float]) -> bool:
 
 
 def _with_change(points: FloatArray, found: MemberFit, options: MemberOptions, families: tuple[str, ...]) -> MemberFit:
-    """The fit with a taper or a haunch where that is likelier than a prism and explains the points; else as it was."""
+    """The fit with a taper or a haunch where that is likelier than a prism and explains the points; else as it was.
+
+    Of many points some are asked first: what changes by more than noise and tolerance shows in them, and most of what comes here is no member.
+    """
+    few = points[sampled_rows(len(points), _ASKED_FIRST, options.seed)]
+    if len(few) < len(points) and _with_change(few, found, options, families) is found:
+        return found
     fits: list[MemberFit] = []
 
     def prism(moved: FloatArray, family: str) -> tuple[Member, SectionFit]:

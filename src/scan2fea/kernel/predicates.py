@@ -15,6 +15,7 @@ from scan2fea.types import FloatArray, IntArray, TriangleMesh
 EPS = 1e-8  # of barycentric coordinates, where faces share a vertex and rounding alone would make them meet
 PARALLEL = 1e-11  # sine under which an edge is parallel to a face
 FLAT_COSINE, FLAT_GAP = 1 - 2e-9, 2e-8  # faces within these lie in one plane (the cosine of their normals; the gap over their size)
+CLEAR = 1e-9  # of the products that a height over a plane is summed from: more is no rounding
 FLAT_TOUCH = 5e-10  # overlap in one plane under this share of the size is a touch
 
 
@@ -63,15 +64,10 @@ def _apart_in_plane(a: FloatArray, b: FloatArray, x: int, y: int) -> bool:
 
 
 @jit
-def _overlap_in_plane(a: FloatArray, b: FloatArray) -> bool:
-    """Do two triangles lie in one plane and share area?"""
-    na, nb = np.cross(a[1] - a[0], a[2] - a[0]), np.cross(b[1] - b[0], b[2] - b[0])
-    la, lb = np.sqrt((na * na).sum()), np.sqrt((nb * nb).sum())
-    if la == 0 or lb == 0 or abs((na * nb).sum()) <= FLAT_COSINE * la * lb:
-        return False
-    limit = FLAT_GAP * np.sqrt(max(la, lb)) * la
+def _overlap_in_plane(a: FloatArray, b: FloatArray, na: FloatArray, gap: float) -> bool:
+    """Do two triangles of parallel planes lie in one and share area? na : normal of a.   gap : heights under this are none, in lengths of na."""
     for j in range(3):
-        if abs(((b[j] - a[0]) * na).sum()) >= limit:
+        if abs((b[j, 0] - a[0, 0]) * na[0] + (b[j, 1] - a[0, 1]) * na[1] + (b[j, 2] - a[0, 2]) * na[2]) >= gap:
             return False
     drop = int(np.argmax(np.abs(na)))
     x, y = (drop + 1) % 3, (drop + 2) % 3
@@ -79,67 +75,104 @@ def _overlap_in_plane(a: FloatArray, b: FloatArray) -> bool:
 
 
 @jit
-def _faces_cross(a: FloatArray, b: FloatArray, fa: IntArray, fb: IntArray) -> bool:
-    shared_a = np.zeros(3, np.bool_)
-    shared_b = np.zeros(3, np.bool_)
-    n_shared = 0
-    for i in range(3):
-        for j in range(3):
-            if fa[i] == fb[j]:
-                shared_a[i] = True
-                shared_b[j] = True
-    n_shared = shared_a.sum()
-    if n_shared == 3:
+def _on_one_side(a: FloatArray, na: FloatArray, b: FloatArray, shared: int, gap: float) -> bool:
+    """Do the corners of b that a does not have lie on one side of the plane of a, beyond doubt? shared : bits of those that it has."""
+    above = below = asked = 0
+    for k in range(3):
+        if not (shared >> k) & 1:
+            x, y, z = b[k, 0] - a[0, 0], b[k, 1] - a[0, 1], b[k, 2] - a[0, 2]
+            doubt = CLEAR * (abs(x) + abs(y) + abs(z)) * (abs(na[0]) + abs(na[1]) + abs(na[2])) + gap
+            height = x * na[0] + y * na[1] + z * na[2]
+            asked += 1
+            above += height > doubt
+            below += height < -doubt
+    return above == asked or below == asked
+
+
+@jit
+def _faces_cross(tri: FloatArray, faces: IntArray, normal: FloatArray, size: FloatArray, i: int, j: int) -> bool:
+    """normal, size : of each face, across it and twice its area."""
+    mine = theirs = n_shared = 0  # bits of the shared corners
+    for k in range(3):
+        for m in range(3):
+            if faces[i, k] == faces[j, m]:
+                mine |= 1 << k
+                theirs |= 1 << m
+                n_shared += 1
+    if n_shared >= 3:
         return True
+    a, b, na, nb = tri[i], tri[j], normal[i], normal[j]
+    gap = FLAT_GAP * np.sqrt(max(size[i], size[j]))
+    if _on_one_side(a, na, b, theirs, gap * size[i]) or _on_one_side(b, nb, a, mine, gap * size[j]):
+        return False
     if n_shared < 2:
         eps = 0.0 if n_shared == 0 else EPS
         # an edge that ends in a shared vertex meets the other face there; that it crosses farther on shows in the edges across
         for k in range(3):
-            m = (k + 1) % 3
-            if not (shared_a[k] or shared_a[m]) and _edge_passes(a[k], a[m], b, eps):
+            edge = 1 << k | 1 << (k + 1) % 3
+            if not mine & edge and _edge_passes(a[k], a[(k + 1) % 3], b, eps):
                 return True
-            if not (shared_b[k] or shared_b[m]) and _edge_passes(b[k], b[m], a, eps):
+            if not theirs & edge and _edge_passes(b[k], b[(k + 1) % 3], a, eps):
                 return True
-    return _overlap_in_plane(a, b)
+    along = na[0] * nb[0] + na[1] * nb[1] + na[2] * nb[2]
+    return abs(along) > FLAT_COSINE * size[i] * size[j] and _overlap_in_plane(a, b, na, gap * size[i])
+
+
+@jit
+def _spans(tri: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Box (low and high corner), normal and twice the area of each triangle."""
+    n = len(tri)
+    low, high, normal, size = np.empty((n, 3)), np.empty((n, 3)), np.empty((n, 3)), np.empty(n)
+    for i in range(n):
+        for k in range(3):
+            c, d = (k + 1) % 3, (k + 2) % 3
+            low[i, k], high[i, k] = min(tri[i, 0, k], tri[i, 1, k], tri[i, 2, k]), max(tri[i, 0, k], tri[i, 1, k], tri[i, 2, k])
+            ec, ed, fc, fd = tri[i, 1, c] - tri[i, 0, c], tri[i, 1, d] - tri[i, 0, d], tri[i, 2, c] - tri[i, 0, c], tri[i, 2, d] - tri[i, 0, d]
+            normal[i, k] = ec * fd - ed * fc
+        size[i] = np.sqrt(normal[i, 0] ** 2 + normal[i, 1] ** 2 + normal[i, 2] ** 2)
+    return low, high, normal, size
 
 
 @jit
 def _crossing_pairs(tri: FloatArray, faces: IntArray, boxes: FloatArray, start: IntArray) -> IntArray:
-    """Rows (i, j), i < j, in tree order, of the faces that cross; walks the tree once per face."""
-    n, first_leaf = len(tri), len(boxes) // 2
+    """Rows (i, j), i < j, in tree order, of the faces that cross; walks the tree once per leaf."""
+    first_leaf = len(boxes) // 2
+    low, high, normal, size = _spans(tri)
     found = np.zeros((64, 2), np.int64)
     n_found = 0
     stack = np.zeros(128, np.int64)
-    for i in range(n):
-        low = np.array([min(tri[i, 0, k], tri[i, 1, k], tri[i, 2, k]) for k in range(3)])
-        high = np.array([max(tri[i, 0, k], tri[i, 1, k], tri[i, 2, k]) for k in range(3)])
-        top = 1
-        stack[0] = 0
+    for leaf in range(len(start) - 1):
+        own = first_leaf + leaf
+        top, stack[0] = 1, 0
         while top:
             top -= 1
             node = stack[top]
-            box = boxes[node]
-            if low[0] > box[3] or low[1] > box[4] or low[2] > box[5] or high[0] < box[0] or high[1] < box[1] or high[2] < box[2]:
+            if _boxes_apart(boxes[node], boxes[own]):
                 continue
             if node < first_leaf:
-                stack[top] = 2 * node + 1
-                stack[top + 1] = 2 * node + 2
+                stack[top], stack[top + 1] = 2 * node + 1, 2 * node + 2
                 top += 2
                 continue
-            for j in range(max(start[node - first_leaf], i + 1), start[node - first_leaf + 1]):
-                apart = False
-                for k in range(3):
-                    if min(tri[j, 0, k], tri[j, 1, k], tri[j, 2, k]) > high[k] or max(tri[j, 0, k], tri[j, 1, k], tri[j, 2, k]) < low[k]:
-                        apart = True
-                if not apart and _faces_cross(tri[i], tri[j], faces[i], faces[j]):
-                    if n_found == len(found):
-                        more = np.zeros((2 * n_found, 2), np.int64)
-                        more[:n_found] = found
-                        found = more
-                    found[n_found, 0] = i
-                    found[n_found, 1] = j
-                    n_found += 1
+            if node < own:  # those pairs are done
+                continue
+            for i in range(start[leaf], start[leaf + 1]):
+                for j in range(max(start[node - first_leaf], i + 1), start[node - first_leaf + 1]):
+                    apart = False
+                    for k in range(3):
+                        apart |= low[j, k] > high[i, k] or high[j, k] < low[i, k]
+                    if not apart and _faces_cross(tri, faces, normal, size, i, j):
+                        if n_found == len(found):
+                            more = np.zeros((2 * n_found, 2), np.int64)
+                            more[:n_found] = found
+                            found = more
+                        found[n_found, 0], found[n_found, 1] = i, j
+                        n_found += 1
     return found[:n_found].copy()
+
+
+@jit
+def _boxes_apart(a: FloatArray, b: FloatArray) -> bool:
+    return bool(a[0] > b[3] or a[1] > b[4] or a[2] > b[5] or a[3] < b[0] or a[4] < b[1] or a[5] < b[2])
 
 
 def _places(vertices: FloatArray) -> IntArray:

@@ -115,24 +115,22 @@ def _open_edges(work: Work) -> IntArray:
     return h
 
 
-def _edges_by_length(work: Work) -> tuple[IntArray, FloatArray]:
-    """One half-edge of each open edge, shortest first against the goal, and the edge's length over its goal."""
+def _edges_by_length(work: Work, longer: float, shorter: float) -> IntArray:
+    """One half-edge of each open edge whose length over its goal lies between the two, shortest first."""
     h = _open_edges(work)
     a, b = work.origin[h], work.origin[h // 3 * 3 + (h + 1) % 3]
     share = np.linalg.norm(work.points[a] - work.points[b], axis=1) / (0.5 * (work.goal[a] + work.goal[b]))
-    order = np.argsort(share, kind="stable")
-    return h[order], share[order]
+    asked = np.flatnonzero((share > longer) & (share < shorter))
+    return h[asked[np.argsort(share[asked], kind="stable")]]
 
 
 def _split(work: Work) -> Work:
     for _ in range(12):  # each halves the longest edges; 12 rounds bring 4096 goals down to one
-        half, share = _edges_by_length(work)
-        long = half[share > LONG][::-1]
+        long = _edges_by_length(work, LONG, np.inf)[::-1]
         if not len(long):
             break
-        work = _roomy(work, len(long))  # compaction keeps the order, so the queue is looked up again
-        half, share = _edges_by_length(work)
-        long = half[share > LONG][::-1]
+        work = _roomy(work, len(long))  # half-edges are numbered anew: the queue is looked up again
+        long = _edges_by_length(work, LONG, np.inf)[::-1]
         w = work
         n, m = split_edges(long, w.n_vertices, w.n_faces, w.origin, w.twin, w.out, w.sharp, w.kind, w.goal, w.region, w.points)
         grew = n > w.n_vertices
@@ -144,9 +142,9 @@ def _split(work: Work) -> Work:
 
 def _collapse(work: Work, drift: float, turn: float, short: float = SHORT) -> Work:
     for _ in range(3):
-        half, share = _edges_by_length(work)
+        half = _edges_by_length(work, -1.0, short)
         w = work
-        if not collapse_edges(half[share < short], w.origin, w.twin, w.out, w.sharp, w.kind, w.goal, w.points, turn, drift, short):
+        if not collapse_edges(half, w.origin, w.twin, w.out, w.sharp, w.kind, w.goal, w.points, turn, drift, short):
             break
     return compacted(work)
 

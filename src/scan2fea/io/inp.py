@@ -1,4 +1,4 @@
-"""Abaqus and CalculiX decks in: nodes, tetrahedra C3D4 and C3D10 and triangles S3, of one part."""
+"""Abaqus and CalculiX decks in: nodes, tetrahedra C3D4 and C3D10, shells S3 to S8 and beams B31 and B32, of one part."""
 
 from __future__ import annotations
 
@@ -21,6 +21,10 @@ _CELLS = {
     **{name: ("tet10", 10) for name in ("C3D10", "C3D10M", "C3D10H", "C3D10T", "C3D10MH", "C3D10I")},
     **{name: ("triangle", 3) for name in ("S3", "S3R", "STRI3", "CPS3", "CPE3", "R3D3", "M3D3")},
     **{name: ("triangle6", 6) for name in ("S6", "STRI65", "M3D6")},
+    **{name: ("quad", 4) for name in ("S4", "S4R", "S4R5")},
+    **{name: ("quad8", 8) for name in ("S8", "S8R", "S8R5")},
+    **{name: ("line", 2) for name in ("B31", "B31R", "B31H", "B31OS")},
+    **{name: ("line3", 3) for name in ("B32", "B32R", "B32H", "B32OS")},
 }
 _KEYWORD = rb"^\*(NODE|ELEMENT|INCLUDE)\b(?!\s*(?:FILE|PRINT|OUTPUT|RESPONSE))([^\n]*)\n"
 _BLOCK = re.compile(_KEYWORD + rb"((?:[^*][^\n]*\n?|\n)*)", re.IGNORECASE | re.MULTILINE)
@@ -71,7 +75,5 @@ def _numbers(path: Path, data: bytes, width: int, what: str) -> FloatArray:
         values = np.array([word for word in words if word], dtype="S32").astype(float) if words else np.zeros(0)
     except ValueError as error:
         raise FormatError(f"{path}: a line of {what} is not of numbers ({error}): correct it") from error
-    if what == "NODE" and len(values) % width and len(values) % 3 == 0:
-        width = 3  # plane nodes
-    require(len(values) % width == 0 and width != 3, FormatError, f"{path}: a line of {what} has not {width} values: it is cut off or damaged")
+    require(len(values) % width == 0, FormatError, f"{path}: a line of {what} has not {width} values: it is cut off or damaged")
     return values.reshape(-1, width)

@@ -23,7 +23,8 @@ _MIDS = np.array([[6, 5, 4], [4, 8, 7], [5, 9, 8], [7, 9, 6]])
 class Blocks(Value):
     """What a volume file holds.
 
-    cells : (kind, (m, k) node rows, (m,) tag) with kind "tet", "tet10", "triangle", "triangle6", "line", "line3" or "point"; tets in VTK order.
+    cells : (kind, (m, k) node rows, (m,) tag) with kind "tet", "tet10", "triangle", "triangle6", "quad", "quad8", "line", "line3" or "point"; tets in
+    VTK order, the nodes of a line along it.
     names : tag of triangles -> its name.
     """
 
@@ -38,11 +39,8 @@ def mesh_of(blocks: Blocks, scale: float) -> TriangleMesh | TetMesh:
 
     Raises FormatError where nodes are missing or orders are mixed, EmptyScanError where there is nothing.
     """
+    require_sound(blocks)
     path, nodes = blocks.path, blocks.nodes
-    require(bool(np.isfinite(nodes).all()), FormatError, f"{path}: a node is not finite: export it again")
-    for kind, cells, _ in blocks.cells:
-        sound = cells.size == 0 or (int(cells.min()) >= 0 and int(cells.max()) < len(nodes))
-        require(sound, FormatError, f"{path}: a cell ({kind}) refers to a node that is not there: it is cut off or damaged")
     tets = [(kind, cells) for kind, cells, _ in blocks.cells if kind in ("tet", "tet10") and len(cells)]
     require(len({kind for kind, _ in tets}) <= 1, FormatError, f"{path} mixes tetrahedra of 4 and of 10 nodes: export one order")
     triangles = [(cells[:, :3], tags) for kind, cells, tags in blocks.cells if kind in ("triangle", "triangle6") and len(cells)]
@@ -53,6 +51,15 @@ def mesh_of(blocks: Blocks, scale: float) -> TriangleMesh | TetMesh:
     faces = np.concatenate([cells for cells, _ in triangles]).astype(np.int64)
     used, packed = np.unique(faces, return_inverse=True)
     return TriangleMesh(vertices=nodes[used] * scale, faces=packed.reshape(-1, 3).astype(np.int64))
+
+
+def require_sound(blocks: Blocks) -> None:
+    """Raises FormatError for a node that is not finite, and for a cell whose node is not there."""
+    path, nodes = blocks.path, blocks.nodes
+    require(bool(np.isfinite(nodes).all()), FormatError, f"{path}: a node is not finite: export it again")
+    for kind, cells, _ in blocks.cells:
+        sound = cells.size == 0 or (int(cells.min()) >= 0 and int(cells.max()) < len(nodes))
+        require(sound, FormatError, f"{path}: a cell ({kind}) refers to a node that is not there: it is cut off or damaged")
 
 
 def boundary_of(tets: IntArray) -> IntArray:

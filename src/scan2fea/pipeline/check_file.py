@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,9 +10,13 @@ from scan2fea.cad.readback import read_back
 from scan2fea.errors import CadError, InputError, require
 from scan2fea.io import read_mesh
 from scan2fea.io.files import existing_file
+from scan2fea.io.inp import read_inp
+from scan2fea.io.volume import mesh_of, require_sound
+from scan2fea.units import UNIT_SYSTEMS
 from scan2fea.verification.deck import deck_checks
 from scan2fea.verification.inspect import Inspection, inspect
 from scan2fea.verification.step import step_checks
+from scan2fea.verification.walls_and_bars import of_walls_and_bars
 
 STEP_SUFFIXES = (".step", ".stp")
 LARGEST = 1 << 29  # bytes of a STEP file
@@ -22,10 +27,22 @@ def inspect_file(path: Path) -> Inspection:
     suffix = path.suffix.lower()
     if suffix in STEP_SUFFIXES:
         return _of_step(path)
-    found = inspect(read_mesh(path))
-    if suffix != ".inp":
-        return found
-    return replace(found, checks=(*found.checks, *deck_checks(path.read_text(encoding="utf-8", errors="replace"))))
+    return _of_deck(path) if suffix == ".inp" else inspect(read_mesh(path))
+
+
+def _of_deck(path: Path) -> Inspection:
+    """Of solids as their mesh; of shells and beams (sections that say so, no tets) what these have. In metres, unless our comment tells the units."""
+    blocks = read_inp(path, existing_file(path))
+    text = path.read_text(encoding="utf-8", errors="replace")
+    told = re.search(r"^\*\* units: (\S+)", text, re.MULTILINE)
+    metres = 1.0 / UNIT_SYSTEMS[told.group(1)].length if told and told.group(1) in UNIT_SYSTEMS else 1.0
+    thin = re.search(r"^\*(SHELL|BEAM)( GENERAL)? SECTION", text, re.IGNORECASE | re.MULTILINE)
+    if thin and not any(kind.startswith("tet") for kind, _, _ in blocks.cells):
+        require_sound(blocks)
+        found = of_walls_and_bars(blocks.nodes * metres, [(kind, rows) for kind, rows, _ in blocks.cells])
+    else:
+        found = inspect(mesh_of(blocks, metres))
+    return replace(found, checks=(*found.checks, *deck_checks(text)))
 
 
 def _of_step(path: Path) -> Inspection:

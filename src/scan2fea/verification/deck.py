@@ -109,6 +109,8 @@ def _materials_without(cards: Sequence[Card]) -> list[str]:
                 out.append(f"{name} is not elastic")
             elif heavy and "DENSITY" not in has[name]:
                 out.append(f"{name} has no density")
+        elif card.word == "BEAM GENERAL SECTION" and heavy and "DENSITY" not in card.options:  # it holds its own material
+            out.append(f"the section of {card.options.get('ELSET', '(no set)')} has no density")
     if not any(card.word.endswith("SECTION") for card in cards):
         out.append("no section")
     return list(dict.fromkeys(out))

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import gaussian_filter, label
 
-from scan2fea.kernel.jit import jit
+from scan2fea.kernel.jit import jit_ieee
 from scan2fea.reconstruction.raster import Images
 from scan2fea.types import FloatArray, IntArray, Value
 
@@ -30,6 +30,7 @@ CLEAR_PIXELS = 3.0  # free space round the points
 CELL_PIXELS, CELL_NOISE = 1.2, 1.45  # a cell is a pixel, or what its points can place within a quarter of itself: sigma / (sqrt(n) g) = g / 2
 LARGEST_GRID = 4_000_000
 SURE = 8.0
+FAR = 8.0  # sigma: noise that does not occur
 CORE = 1e-4  # of the points may lie beyond the grid at each end
 
 
@@ -105,7 +106,7 @@ def _without_voids(value: Grid) -> Grid:
     return np.where(void, np.float32(1.0), value)
 
 
-@jit
+@jit_ieee
 def _slopes(
     origin: FloatArray, way: FloatArray, length: FloatArray, hit: npt.NDArray[np.bool_], low: FloatArray, cell: float,
     filled: Grid, slope: Grid, sigma: float,
@@ -115,67 +116,69 @@ def _slopes(
     node, part = np.zeros((most, 3), np.int64), np.zeros((most, 3))
     alpha, clear, near = np.zeros(most), np.zeros(most), np.zeros(most)
     for r in range(len(length)):
-        begin, end = 0.0, 1e300
+        begin, end = 0.0, length[r] + FAR * sigma if hit[r] else np.inf  # nothing farther behind can have sent the ray back
         for a in range(3):
             if abs(way[r, a]) > 1e-12:
                 s = (low[a] - origin[r, a]) / way[r, a]
                 e = (low[a] + (filled.shape[a] - 1) * cell - origin[r, a]) / way[r, a]
                 begin, end = max(begin, min(s, e)), min(end, max(s, e))
-        n = _marched(origin[r], way[r], length[r], hit[r], low, cell, filled, sigma, begin, end, node, part, alpha, clear, near)
+        n = _marched(origin, way, r, low, cell, filled, begin, end, node, part, alpha, clear, near)
         if n == 0:
             continue
         if hit[r]:
-            likely = STRAY
+            likely, behind = STRAY, 0.0
             for k in range(n):
+                off = (near[k] - length[r]) / sigma
+                near[k] = np.exp(-0.5 * off * off) if off > -FAR else 0.0
                 likely += clear[k] * alpha[k] * near[k]
-            behind = 0.0
             for k in range(n - 1, -1, -1):
-                _share(slope, node[k], part[k], -(clear[k] * near[k] - behind / (1.0 - alpha[k])) / likely)
-                behind += clear[k] * alpha[k] * near[k]
+                near[k], behind = (behind / (1.0 - alpha[k]) - clear[k] * near[k]) / likely, behind + clear[k] * alpha[k] * near[k]
         else:
             through = clear[n - 1] * (1.0 - alpha[n - 1])
             for k in range(n):
-                _share(slope, node[k], part[k], through / (1.0 - alpha[k]) / (through + STRAY))
+                near[k] = through / (1.0 - alpha[k]) / (through + STRAY)
+        _shared(slope, node, part, near, n)
 
 
-@jit
+@jit_ieee
 def _marched(
-    origin: FloatArray, way: FloatArray, length: float, hit: bool, low: FloatArray, cell: float, filled: Grid, sigma: float,
-    begin: float, end: float, node: IntArray, part: FloatArray, alpha: FloatArray, clear: FloatArray, near: FloatArray,
+    origin: FloatArray, way: FloatArray, r: int, low: FloatArray, cell: float, filled: Grid, begin: float, end: float,
+    node: IntArray, part: FloatArray, alpha: FloatArray, clear: FloatArray, along: FloatArray,
 ) -> int:  # fmt: skip
-    """Steps of one cell along a ray: node and place in its cell, filling, share of the ray still under way, likelihood of its range there."""
+    """Steps of one cell along a ray: node and place in its cell, filling, share of the ray still under way, distance from its origin."""
     n, left = 0, 1.0
     s = (math.floor(begin / cell) + 0.5) * cell
     while s < end and n < len(alpha) and left > 1e-4:
-        if s >= begin:
-            inside = True
-            for a in range(3):
-                x = (origin[a] + s * way[a] - low[a]) / cell
-                i = np.int64(math.floor(x))
-                inside = inside and 0 <= i < filled.shape[a] - 1
-                node[n, a], part[n, a] = i, x - i
-            if inside:
-                i, j, k = node[n, 0], node[n, 1], node[n, 2]
-                a, b, c = part[n, 0], part[n, 1], part[n, 2]
-                f = ((filled[i, j, k] * (1 - a) + filled[i + 1, j, k] * a) * (1 - b)
-                     + (filled[i, j + 1, k] * (1 - a) + filled[i + 1, j + 1, k] * a) * b) * (1 - c)  # fmt: skip
-                f += ((filled[i, j, k + 1] * (1 - a) + filled[i + 1, j, k + 1] * a) * (1 - b)
-                      + (filled[i, j + 1, k + 1] * (1 - a) + filled[i + 1, j + 1, k + 1] * a) * b) * c  # fmt: skip
-                alpha[n], clear[n] = min(f, 0.999), left
-                near[n] = np.exp(-0.5 * ((s - length) / sigma) ** 2) if hit else 0.0
-                left *= 1.0 - alpha[n]
-                n += 1
+        x = (origin[r, 0] + s * way[r, 0] - low[0]) / cell
+        y = (origin[r, 1] + s * way[r, 1] - low[1]) / cell
+        z = (origin[r, 2] + s * way[r, 2] - low[2]) / cell
+        i, j, k = np.int64(math.floor(x)), np.int64(math.floor(y)), np.int64(math.floor(z))
+        if s >= begin and 0 <= i < filled.shape[0] - 1 and 0 <= j < filled.shape[1] - 1 and 0 <= k < filled.shape[2] - 1:
+            a, b, c = x - i, y - j, z - k
+            f = ((filled[i, j, k] * (1 - a) + filled[i + 1, j, k] * a) * (1 - b)
+                 + (filled[i, j + 1, k] * (1 - a) + filled[i + 1, j + 1, k] * a) * b) * (1 - c)  # fmt: skip
+            f += ((filled[i, j, k + 1] * (1 - a) + filled[i + 1, j, k + 1] * a) * (1 - b)
+                  + (filled[i, j + 1, k + 1] * (1 - a) + filled[i + 1, j + 1, k + 1] * a) * b) * c  # fmt: skip
+            node[n, 0], node[n, 1], node[n, 2] = i, j, k
+            part[n, 0], part[n, 1], part[n, 2] = a, b, c
+            alpha[n], clear[n], along[n] = min(f, 0.999), left, s
+            left *= 1.0 - alpha[n]
+            n += 1
         s += cell
     return n
 
 
-@jit
-def _share(slope: Grid, node: IntArray, part: FloatArray, value: float) -> None:
-    """`value` shared among the eight nodes round a place."""
-    for corner in range(8):
-        w = value
-        i, j, k = corner & 1, (corner >> 1) & 1, corner >> 2
-        w *= part[0] if i else 1.0 - part[0]
-        w *= part[1] if j else 1.0 - part[1]
-        w *= part[2] if k else 1.0 - part[2]
-        slope[node[0] + i, node[1] + j, node[2] + k] += np.float32(w)
+@jit_ieee
+def _shared(slope: Grid, node: IntArray, part: FloatArray, value: FloatArray, n: int) -> None:
+    """Each of the first n values shared among the eight nodes round its place."""
+    for m in range(n):
+        v = value[m]
+        if v == 0.0:
+            continue
+        i, j, k = node[m, 0], node[m, 1], node[m, 2]
+        for di in range(2):
+            u = v * (part[m, 0] if di else 1.0 - part[m, 0])
+            for dj in range(2):
+                w = u * (part[m, 1] if dj else 1.0 - part[m, 1])
+                slope[i + di, j + dj, k] += np.float32(w * (1.0 - part[m, 2]))
+                slope[i + di, j + dj, k + 1] += np.float32(w * part[m, 2])

@@ -21,11 +21,11 @@ from scan2fea.kernel.measures import face_areas, face_normals, volume
 from scan2fea.kernel.neighbors import k_nearest, radius_components
 from scan2fea.kernel.noise import SPACING_NEIGHBORS
 from scan2fea.kernel.topology import edge_table
-from scan2fea.reconstruction.budget import WALL_ENDS
+from scan2fea.reconstruction.budget import SHORT_ENDS, WALL_ENDS
 from scan2fea.reconstruction.evidence import Evidence, around, at_most, wall_m
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh, Value
 
-LIMIT = 0.02  # of the volume: as behind surface that no ray has met
+LIMIT, LIMIT_SHORT = 0.02, 0.05  # of the volume: as behind surface that no ray has met
 OPPOSITE, ALIKE = -0.5, 0.8  # cosine between normals of the two faces of a wall, and of one of them
 FLAT = 0.9  # a triangle whose corners agree better is not looked at
 BETWEEN, MOST_BETWEEN = 0.15, 0.35  # of the wall's thickness below either face, besides the noise: between them
@@ -35,61 +35,97 @@ EXPECTED = 6.0  # points due between the faces on a stretch that has none: chanc
 NEIGHBOURING, JOINED = 2.0, 2.0  # points due, and spacings between them, of shorter stretches that go on beyond a point or a bend
 FLAT_END, FACES_SO = 0.7, 0.7  # length of the mean normal of a stretch that lies in a plane; cosine of others that do
 BEYOND = 1.5  # spacings beyond a wall's end, at least its thickness: where it would go on
+STEPS = (0.25, 0.5, 1.0)  # of that distance: where a sight line is asked for; the wall may go on as far as the first that has one
 IN_WALL = 0.25  # of its thickness off the middle of a wall: a sight line farther off may pass beside a wall that bends
 WHOLE_END = 0.5  # of the area in that plane: with more of it unseen the part may go on there
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Stretch(Value):
-    """Faces that lead across a wall with no point between.   faces : (k,).   wall_m : thickness.   length_m : along the end.   due : points."""
+    """Faces that lead across a wall with no point between.   faces : (k,).   wall_m : thickness.   length_m : along the end.   due : points.
+
+    slack_m : (k,) distance beyond each face at which a sight line passes, inf: none.   is_told : chance does not leave so long an end without points.
+    """
 
     faces: IntArray
     wall_m: float
     length_m: float
     due: float
+    slack_m: FloatArray
+    is_told: bool
 
 
-def wall_ends(evidence: Evidence) -> Check:
-    """How much may hide beyond ends of walls without points?
+def wall_ends(evidence: Evidence) -> tuple[Check, Check]:
+    """How much may hide beyond ends of walls without points? What chance does not leave bare, and what it may.
 
     An end of length P round a hole encloses at most P^2 / (4 pi) of wall, at an edge twice that, at a corner four times; where more than half of an
-    end that the whole part lies behind has no points, anything may be beyond.
+    end that the whole part lies behind has no points, anything may be beyond. Where sight lines pass beyond an end it may reach as far as these.
+    Points apart by half a wall leave short ends bare by chance, and hide short cuts as well: neither refuses a part by itself, all together may.
     """
     mesh = evidence.mesh
     body, normals, areas = abs(volume(mesh)), face_normals(mesh), face_areas(mesh)
-    hidden, where = 0.0, [np.zeros((0, 3))]
-    for stretch in stretches(evidence):
+    hidden, open_m3, where = 0.0, 0.0, [np.zeros((0, 3))]
+    unproved, every = stretches(evidence)
+    for stretch in every:
+        ends = np.isfinite(stretch.slack_m) & stretch.is_told
+        hidden += float(areas[stretch.faces[ends]] @ stretch.slack_m[ends])
+        where.append(mesh.vertices[mesh.faces[stretch.faces[ends]]].mean(axis=1))
+    for stretch in unproved:
+        beyond = stretch.wall_m * stretch.length_m**2 / math.pi
+        if not stretch.is_told:
+            open_m3 += beyond
+            continue
         endless = _ends_part(stretch, mesh, normals, areas, stretch.wall_m + JOINED * evidence.spacing_m)
-        hidden += math.inf if endless else stretch.wall_m * stretch.length_m**2 / math.pi
+        hidden += math.inf if endless else beyond
         where.append(mesh.vertices[mesh.faces[stretch.faces]].mean(axis=1))
-    share = min(1.0, hidden / body) if body > 0.0 else 0.0
+    share, doubtful = (min(1.0, part / body) if body > 0.0 else 0.0 for part in (hidden, open_m3))
     says = (
         f"{share:.0%} of the volume may hide beyond ends of walls where no point was measured (limit {LIMIT:.0%}){around(np.concatenate(where))}: "
         "the scan may end there, not the wall; scan the edges too, or fit the member"
     )
-    return at_most(WALL_ENDS, share, LIMIT, says)
+    short = (
+        f"{doubtful:.1%} of the volume may hide beyond short ends of walls that so few points are due on that chance may leave them bare "
+        f"(limit {LIMIT_SHORT:.0%}): scan more densely, or give the sensor position"
+    )
+    return at_most(WALL_ENDS, share, LIMIT, says), at_most(SHORT_ENDS, doubtful, LIMIT_SHORT, short)
 
 
-def stretches(evidence: Evidence) -> list[Stretch]:
-    """Ends of walls that were due EXPECTED points and have none."""
+def stretches(evidence: Evidence) -> tuple[list[Stretch], list[Stretch]]:
+    """Ends of walls that were due NEIGHBOURING points and have none: those beyond which no sight line passes, and all."""
     mesh, wall = evidence.mesh, wall_m(evidence)
     corner = k_nearest(evidence.smoothed, 1, mesh.vertices)[1][:, 0][mesh.faces]
     normal = evidence.normals[corner]
     bent = np.einsum("fkc,fkc->fk", normal, np.roll(normal, -1, axis=1)).min(axis=1) < FLAT
     points = np.unique(corner[bent])
     if not math.isfinite(wall) or not len(points):
-        return []
-    skin = min(MOST_BETWEEN, BETWEEN + evidence.sigma_m / wall)
+        return [], []
+    skin = _skin(evidence, wall)
     sheets = np.full_like(evidence.normals, np.nan)
     sheets[points] = _sheet_normals(evidence, points, skin * wall)
     normal = sheets[corner]
     turned = np.einsum("fkc,fkc->fk", normal, np.roll(normal, -1, axis=1))
     across = np.flatnonzero(np.isfinite(turned).all(axis=1) & (np.nan_to_num(turned).min(axis=1) < OPPOSITE))
-    bare = across[~_has_points(evidence, across, _far_side(normal[across]), skin)]
-    bare = bare[~_seen_past(evidence, bare, wall)]
+    far = _far_side(normal[across])
+    is_bare = ~_has_points(evidence, across, far, skin)
+    bare = across[is_bare]
+    slack = np.full(len(mesh.faces), math.inf)
+    slack[bare] = _slack(evidence, bare, normal[bare, 0], far[is_bare], wall)
     spacing = np.full(len(evidence.smoothed), math.inf)
     spacing[points] = k_nearest(evidence.smoothed, SPACING_NEIGHBORS + 1, evidence.smoothed[points])[0][:, 1:].mean(axis=1)
     due = (1.0 - 2.0 * skin) * DENSITY * face_areas(mesh) / np.median(spacing[corner], axis=1) ** 2
+    thick = evidence.thickness_m[corner]
+    unproved = _gathered(evidence, bare[~np.isfinite(slack[bare])], due, thick, slack)
+    return unproved, _gathered(evidence, bare, due, thick, slack) if np.isfinite(slack[bare]).any() else unproved
+
+
+def _skin(evidence: Evidence, wall: float) -> float:
+    """Share of the wall below either face in which a point does not lie between them."""
+    return min(MOST_BETWEEN, BETWEEN + evidence.sigma_m / wall)
+
+
+def _gathered(evidence: Evidence, bare: IntArray, due: FloatArray, thick: FloatArray, slack: FloatArray) -> list[Stretch]:
+    """Bare faces in stretches of which one piece was due NEIGHBOURING points. due, slack : (m,) of all faces.   thick : (m, 3) wall at corners."""
+    mesh = evidence.mesh
     pieces = [piece for piece in _joined(mesh.faces, bare) if due[piece].sum() >= NEIGHBOURING]
     if not pieces:
         return []
@@ -98,14 +134,14 @@ def stretches(evidence: Evidence) -> list[Stretch]:
     out = []
     for number in np.unique(group):
         own = [piece for piece, its in zip(pieces, group, strict=True) if its == number]
-        if max(due[piece].sum() for piece in own) < EXPECTED:
-            continue
-        faces = np.concatenate(own)
-        thick = evidence.thickness_m[corner[faces]]
-        thick = thick[np.isfinite(thick)]
-        across_m = max(float(np.median(thick)) if len(thick) else 0.0, evidence.spacing_m)
-        length = float(face_areas(mesh)[faces].sum()) / across_m
-        out.append(Stretch(faces=faces, wall_m=across_m, length_m=length, due=float(due[faces].sum())))
+        is_told = max(float(due[piece].sum()) for piece in own) >= EXPECTED
+        for faces in [np.concatenate(own)] if is_told else own:  # what chance may have left bare here and there is no one stretch
+            known = thick[faces][np.isfinite(thick[faces])]
+            across_m = max(float(np.median(known)) if len(known) else 0.0, evidence.spacing_m)
+            length = float(face_areas(mesh)[faces].sum()) / across_m
+            out.append(
+                Stretch(faces=faces, wall_m=across_m, length_m=length, due=float(due[faces].sum()), slack_m=slack[faces], is_told=is_told)
+            )
     return out
 
 
@@ -142,15 +178,28 @@ def _has_points(evidence: Evidence, faces: IntArray, far: FloatArray, skin: floa
     return np.asarray(np.bincount(at[on][between], minlength=len(faces)) > 0)
 
 
-def _seen_past(evidence: Evidence, faces: IntArray, wall: float) -> BoolArray:
-    """(k,) faces beyond which a sight line passes where the wall would go on: its point lies farther away."""
+def _slack(evidence: Evidence, faces: IntArray, sheet: FloatArray, far: FloatArray, wall: float) -> FloatArray:
+    """(k,) how far beyond each face a sight line first passes where the wall would go on, its point lying farther away; inf: nowhere asked, m.
+
+    sheet : (k, 3) normal of the wall at each face.   far : (k, 3) 1 at the corners on its other side. It is asked for in the middle of the wall and
+    along it: beside a slanting face, or one near a side of the wall, lines pass that graze the wall.
+    """
+    out = np.full(len(faces), math.inf)
     if evidence.sensors is None or not len(faces):
-        return np.zeros(len(faces), bool)
+        return out
     known = np.flatnonzero(np.isfinite(evidence.sensors).all(axis=1))
-    origin, target = evidence.sensors[known], evidence.points[known]
-    normals = face_normals(evidence.mesh)[faces]
-    places = evidence.mesh.vertices[evidence.mesh.faces[faces]].mean(axis=1) + max(wall, BEYOND * evidence.spacing_m) * normals
-    return np.asarray(passed(places, np.ascontiguousarray(origin), np.ascontiguousarray(target), IN_WALL * wall))
+    origin, target = np.ascontiguousarray(evidence.sensors[known]), np.ascontiguousarray(evidence.points[known])
+    sides = [np.where(side.any(axis=1, keepdims=True), side, 1.0) for side in (far, 1.0 - far)]
+    sides = [side / side.sum(axis=1, keepdims=True) for side in sides]
+    middle = np.einsum("fk,fkc->fc", 0.5 * (sides[0] + sides[1]), evidence.mesh.vertices[evidence.mesh.faces[faces]])
+    way = face_normals(evidence.mesh)[faces]
+    way = way - np.einsum("fc,fc->f", way, sheet)[:, None] * sheet
+    way /= np.maximum(np.linalg.norm(way, axis=1), np.finfo(float).tiny)[:, None]
+    for step in STEPS:
+        beyond = step * max(wall, BEYOND * evidence.spacing_m)
+        left = np.flatnonzero(np.isinf(out))
+        out[left[passed(middle[left] + beyond * way[left], origin, target, IN_WALL * wall)]] = beyond
+    return out
 
 
 @jit

@@ -15,7 +15,7 @@ A departure that mill tolerances allow is none: 1 % of the section's size (EN 10
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,8 +41,19 @@ _CELL_POINTS = 15
 _STRAY = 4.0
 _FACES_OFF = 24  # stretches of the outline, about
 _SE = 4.0
+VOID_POINTS = 25.0  # points that the density around a hole foretells for it: none by chance in 1e-11
+VOID_CELLS = 4
+AGAIN = 8  # times that each ray measures the model
 _LOCAL_DOUBT = 0.1  # relative: the scatter of neighbours comes out up to 8 % low where noise is 3 % of the section (simulated bars)
 _STRAY_DRAWS = 20_000
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ByRays(Value):
+    """voids : holes that were shot through.   again : (m, 2) where the rays of the data would measure the model, in the section, `AGAIN` times."""
+
+    voids: int
+    again: FloatArray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -71,10 +82,13 @@ class Explanation(Value):
     cells: int
 
 
-def explanation(points: FloatArray, member: Member, sigma_m: float, seed: int = 0, *, along_rays: bool = False) -> Explanation:
+def explanation(
+    points: FloatArray, member: Member, sigma_m: float, seed: int = 0, *, along_rays: bool = False, by_rays: ByRays | None = None
+) -> Explanation:
     """Test the member against the points (n, 3) it was fitted to.
 
     along_rays : sigma_m is the noise of the range: across a face seen aslant it is less, and the cells show that as a pattern.
+    by_rays : what rays say of holes and of the points of the model; None: places without points are holes, noise is alike in all directions.
     """
     values = member.values()
     shape = section(member.family, values)
@@ -90,8 +104,10 @@ def explanation(points: FloatArray, member: Member, sigma_m: float, seed: int = 
     side = ~stray & ~surface.on_cap
     among = (local[:, 2] > 0) & (local[:, 2] < values["length"])
     clutter = _Clutter.of(shape, local[among, :2], int((stray & among).sum()), reach, seed)
-    cells = _cells(surface, side, shape, values["length"], sigma_m, size, clutter, seed, 1.0 if along_rays else 0.5)
-    seen, voids = _occupied(surface, side, shape, values["length"], size)
+    again = None if by_rays is None else by_rays.again
+    cells = _cells(surface, side, shape, values["length"], sigma_m, size, clutter, seed, 1.0 if along_rays else 0.5, again)
+    seen, empty = _occupied(surface, side, shape, values["length"], size)
+    voids = empty if by_rays is None else by_rays.voids
     near = some[~stray]
     local_sigma = noise_sigma(near, seed=seed) if len(near) >= 50 else math.nan
     rms = float(np.sqrt(np.mean(surface.distance[~stray] ** 2))) if (~stray).any() else math.nan
@@ -260,7 +276,16 @@ class _Clutter:
 
 
 def _cells(
-    surface: _Surface, side: BoolArray, shape: Section, length: float, sigma: float, size: float, clutter: _Clutter, seed: int, allowed: float
+    surface: _Surface,
+    side: BoolArray,
+    shape: Section,
+    length: float,
+    sigma: float,
+    size: float,
+    clutter: _Clutter,
+    seed: int,
+    allowed: float,
+    again: FloatArray | None,
 ) -> _Cells:
     if side.sum() < 2 * _CELL_POINTS:
         return _Cells(off_share=1.0, pattern_m=math.nan, p_value=0.0, n=0)
@@ -276,7 +301,7 @@ def _cells(
     square = np.bincount(cell, distance**2, minlength=len(n))
     mean = total / np.maximum(n, 1)
     var = np.maximum(square / np.maximum(n, 1) - mean**2, 0.0) * n / np.maximum(n - 1, 1)
-    expected = _expected(shape, stretch, sigma, n_stretch, clutter, seed)
+    expected = _expected(shape, stretch, sigma, n_stretch, clutter, seed) if again is None else _of_drawn(shape, again, n_stretch, clutter)
     away = mean - np.repeat(expected, n_z)
     good = n >= _CELL_POINTS
     if not good.any():
@@ -316,6 +341,15 @@ def _expected(shape: Section, stretch: IntArray, sigma: float, n_stretch: int, c
     return np.asarray(np.bincount(shown, w * np.r_[distance, clutter.distance], minlength=n_stretch) / np.maximum(mass, 1e-300))
 
 
+def _of_drawn(shape: Section, again: FloatArray, n_stretch: int, clutter: _Clutter) -> FloatArray:
+    """(n_stretch,) the same of points (m, 2) that rays would measure on the model, a number of times each as often as the data did."""
+    distance, edge, along = outline_distance(shape, again)
+    shown = np.r_[_stretch_of(shape, edge, along), _stretch_of(shape, clutter.edge, clutter.along)]
+    w = np.r_[np.full(len(again), 1 / AGAIN), np.full(len(clutter.edge), clutter.number / max(len(clutter.edge), 1))]
+    mass = np.bincount(shown, w, minlength=n_stretch)
+    return np.asarray(np.bincount(shown, w * np.r_[distance, clutter.distance], minlength=n_stretch) / np.maximum(mass, 1e-300))
+
+
 def _crowd(local: FloatArray, stray: BoolArray, size: float) -> BoolArray:
     """Strays with far more strays about them than the same number spread evenly over the box of all points would give them."""
     crowd = np.zeros(len(local), bool)
@@ -333,21 +367,26 @@ def _crowd(local: FloatArray, stray: BoolArray, size: float) -> BoolArray:
 
 def _occupied(surface: _Surface, side: BoolArray, shape: Section, length: float, size: float) -> tuple[Mapping[str, float], int]:
     """Per face the share of its cells that hold points, and the number of holes: empty cells enclosed by full ones on one face."""
-    names = [name for loop in shape.face_names for name in loop]
-    lengths = np.concatenate([np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1) for loop in shape.loops])
-    before = np.r_[0.0, np.cumsum(lengths)[:-1]]
+    outline = sum(float(np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1).sum()) for loop in shape.loops)
     seen: dict[str, float] = {}
     voids = 0
-    for name in dict.fromkeys(names):
-        own_edges = [i for i, other in enumerate(names) if other == name]
-        width = float(lengths[own_edges].sum())
-        offset = before[own_edges[0]]
-        own = side & np.isin(surface.edge, own_edges)
-        s = before[surface.edge[own]] + surface.along[own] - offset
-        share, holes = _face(s, surface.z[own], width, length, int(side.sum()) * width / float(lengths.sum()))
+    for name, rows, s, width in on_faces(shape, surface.edge, surface.along):
+        own = side[rows]
+        share, holes = _face(s[own], surface.z[rows][own], width, length, int(side.sum()) * width / outline)
         seen[name] = share
         voids += holes
     return seen, voids
+
+
+def on_faces(shape: Section, edge: IntArray, along: FloatArray) -> Iterator[tuple[str, IntArray, FloatArray, float]]:
+    """Of each face its name, the rows of the places (edge, along) that lie on it, how far along it each is, and its width, m."""
+    names = [name for loop in shape.face_names for name in loop]
+    lengths = np.concatenate([np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1) for loop in shape.loops])
+    before = np.r_[0.0, np.cumsum(lengths)[:-1]]
+    for name in dict.fromkeys(names):
+        own = [i for i, other in enumerate(names) if other == name]
+        rows = np.flatnonzero(np.isin(edge, own))
+        yield name, rows, before[edge[rows]] + along[rows] - before[own[0]], float(lengths[own].sum())
 
 
 def _face(s: FloatArray, z: FloatArray, width: float, length: float, expected: float) -> tuple[float, int]:
@@ -360,7 +399,7 @@ def _face(s: FloatArray, z: FloatArray, width: float, length: float, expected: f
     j = np.clip((z / length * n_z).astype(int), 0, n_z - 1)
     counts = np.bincount(i * n_z + j, minlength=n_s * n_z).reshape(n_s, n_z)
     share = float((counts > 0).mean())
-    if min(n_s, n_z) < 4:
+    if min(n_s, n_z) < VOID_CELLS:
         return share, 0
     label, n_regions = ndimage.label(counts == 0)
     rim = np.unique(np.r_[label[0], label[-1], label[:, 0], label[:, -1]])
@@ -370,9 +409,7 @@ def _face(s: FloatArray, z: FloatArray, width: float, length: float, expected: f
             continue
         inside = label == region
         around = ndimage.binary_dilation(inside, iterations=1) & ~inside
-        if inside.sum() * float(counts[around].mean()) > _VOID_POINTS and inside.sum() >= 4:
+        if inside.sum() * float(counts[around].mean()) > VOID_POINTS and inside.sum() >= VOID_CELLS:
             holes += 1
     return share, holes
 
-
-_VOID_POINTS = 25.0  # points that the density around a hole foretells for it: none by chance in 1e-11

@@ -15,7 +15,7 @@ from scipy.special import chdtrc, ndtr
 
 from scan2fea.estimation.anneal import walls
 from scan2fea.kernel.sections import PARAMETERS
-from scan2fea.types import FloatArray, Value
+from scan2fea.types import FloatArray, Member, Value
 
 SIGNIFICANT = 1e-3  # p-value below which a given dimension counts as contradicted
 SECTION_TOLERANCE = 0.01  # of the greatest dimension of the section: mill tolerance of outer sizes (EN 10034, EN 10056-2, EN 10210-2)
@@ -56,6 +56,16 @@ class Told(Value):
     values: FloatArray
     covariance: FloatArray
     observable: tuple[bool, ...]
+
+
+def told_by(member: Member) -> Told:
+    """What a member tells that was fitted with these dimensions free."""
+    return Told(
+        names=tuple(p.name for p in member.parameters),
+        values=np.array([p.value_m for p in member.parameters]),
+        covariance=member.covariance,
+        observable=tuple(p.observable and p.source != "fixed" for p in member.parameters),
+    )
 
 
 def tolerance(name: str, family: str, section: Mapping[str, float], value_m: float) -> float:

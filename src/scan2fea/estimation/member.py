@@ -22,11 +22,12 @@ from scan2fea.estimation.changing import changing, is_better
 from scan2fea.estimation.ends import Ends, rough_ends
 from scan2fea.estimation.explain import MIN_SLENDER, Explanation, explanation
 from scan2fea.estimation.fit import MIN_POINTS, SectionFit
-from scan2fea.estimation.given import Given, Told, compared, joint_p_value
+from scan2fea.estimation.given import Given, Told, compared, joint_p_value, told_by
 from scan2fea.estimation.prismatic import is_prismatic
+from scan2fea.estimation.ray_voids import in_sheets
 from scan2fea.estimation.swept import sweep_of
 from scan2fea.estimation.systematic import even_spacing, face_error, thinned_spacing, widened
-from scan2fea.estimation.with_rays import needs_rays, refined, sensor_inside
+from scan2fea.estimation.with_rays import compared_by_rays, needs_rays, refined, sensor_inside
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.pinned import SEEN
 from scan2fea.kernel.section_likelihood import face_lengths, faces
@@ -106,7 +107,7 @@ def fit_member(
     inside = sensor_inside(scan, found.member)
     if inside:
         found = dataclasses.replace(found, why={**found.why, "sensor": inside})
-    elif found.member.change is None and not _is_hopeless(found.explanation) and needs_rays(scan, found.member, found.explains):
+    elif found.member.change is None and needs_rays(scan, found.member, found.explains) and _rays_may_help(scan, found.explanation, options.seed):
         member, told, why_not = refined(scan, found.member, found.explanation, fixed or {}, families, options.seed)
         by_rays = not why_not
         found = dataclasses.replace(
@@ -118,6 +119,9 @@ def fit_member(
             method="rays" if by_rays else "density",
             why={} if by_rays else {**found.why, "rays": why_not},
         )
+        if by_rays and fixed and in_sheets(scan, options.seed):
+            p_fixed, given = compared_by_rays(scan, member, fixed, options.seed)
+            found = dataclasses.replace(found, p_fixed=p_fixed, given=given)
     return dataclasses.replace(found, member=dataclasses.replace(found.member, inside=inside_of(points, found.member)))
 
 
@@ -225,6 +229,11 @@ def _is_hopeless(told: Explanation) -> bool:
     return told.voids > 0 or told.crowd_share > _CROWDED or told.noise_excess > _HOPELESS
 
 
+def _rays_may_help(scan: Scan, told: Explanation, seed: int) -> bool:
+    """Whether the points leave it open, or are none to ask: in sheets of rays, holes, crowds and scatter are the sensor's."""
+    return not _is_hopeless(told) or in_sheets(scan, seed)
+
+
 def _tested(fixed: Mapping[str, float], free: SectionFit | None, family: str, ends: Ends) -> tuple[float | None, tuple[Given, ...]]:
     """p-value of all fixed dimensions together, and each beside what the points say of it."""
     if not fixed:
@@ -251,13 +260,7 @@ def _beside(found: MemberFit, nominal: Mapping[str, float]) -> tuple[Given, ...]
     """Nominal dimensions beside the fitted ones."""
     member = found.member
     own = {name: value for name, value in nominal.items() if name in member.values()}
-    told = Told(
-        names=tuple(p.name for p in member.parameters),
-        values=np.array([p.value_m for p in member.parameters]),
-        covariance=member.covariance,
-        observable=tuple(p.observable and p.source != "fixed" for p in member.parameters),
-    )
-    return compared(own, told, member.family, held=False)
+    return compared(own, told_by(member), member.family, held=False)
 
 
 def _of_length(length: float, low: float, high: float, ends: Ends) -> tuple[float, float]:

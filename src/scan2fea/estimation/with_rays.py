@@ -11,7 +11,9 @@ import numpy as np
 from scan2fea.errors import EstimationError, UsageError
 from scan2fea.estimation.anneal import walls
 from scan2fea.estimation.explain import Explanation, explanation, outline_distance
+from scan2fea.estimation.given import Given, compared, joint_p_value, told_by
 from scan2fea.estimation.ray_likelihood import RayOptions, fit_rays
+from scan2fea.estimation.ray_voids import in_sheets, told_by_rays
 from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.sections import PARAMETERS, section
 from scan2fea.types import Member, Parameter, Scan
@@ -66,10 +68,22 @@ def refined(
         return member, told, "only the rays that hit were recorded: they do not say where the member ends across them"
     found = dataclasses.replace(fit.member, families=member.families)
     points = scan.cloud.points if scan.cloud.is_inferred is None else scan.cloud.points[~scan.cloud.is_inferred]
-    judged = explanation(points, found, found.sigma_m, seed, along_rays=True)
+    by_rays = told_by_rays(scan, found, found.sigma_m, seed) if fit.misses_known and in_sheets(scan, seed) else None
+    judged = explanation(points, found, found.sigma_m, seed, along_rays=True, by_rays=by_rays)
     if not judged.explains and told.explains:  # where neither explains the points, hits and misses know more than points alone
         return member, told, f"the member that the rays prefer explains the points less well: {judged.reason}"
     return dataclasses.replace(found, seen=judged.seen), judged, ""
+
+
+def compared_by_rays(scan: Scan, member: Member, fixed: Mapping[str, float], seed: int) -> tuple[float | None, tuple[Given, ...]]:
+    """Dimensions that are held beside what the rays say of them, and the p-value of all together; nothing where rays fit no such section."""
+    degree = min(max(member.bow.shape[1] + 1, 1), 4)
+    try:
+        free = fit_rays(scan, member, RayOptions(degree=degree, seed=seed)).member
+    except (EstimationError, UsageError):
+        return None, ()
+    told = told_by(free)
+    return joint_p_value(fixed, told), compared(fixed, told, member.family, held=True)
 
 
 def _likeliest_family(scan: Scan, member: Member, families: tuple[str, ...], degree: int, seed: int) -> Member:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from scan2fea.errors import UsageError, require
 from scan2fea.thesis import approach, background, blanks, conclusion, drawings, hypotheses, results, segments
 from scan2fea.thesis.bench import ThesisOptions
-from scan2fea.thesis.best import CASES
+from scan2fea.thesis.best import CASES, OF_CLOUD, shown
 from scan2fea.thesis.experiment import Chore, Experiment
 from scan2fea.thesis.published import printed_tables
 
@@ -32,7 +32,7 @@ def _of_mesh(case: str, mesh: str, stage: str) -> list[Chore]:
 
 def _of_table(name: str, case: str) -> Callable[[ThesisOptions], Sequence[Chore]]:
     def needs(options: ThesisOptions) -> Sequence[Chore]:
-        found: list[Chore] = [("best", of) for of in ((case, "known") if case == "noise" else (case,))]
+        found: list[Chore] = [("best", of) for of in shown(case, quick=options.quick)]
         for row in printed_tables()[name].rows:
             found += _of_mesh(case, row.mesh, row.stage)
             if row.stage == "optimised" and (row.mesh == "AF" or not options.quick):
@@ -47,7 +47,7 @@ def _of_best(options: ThesisOptions) -> Sequence[Chore]:
 
 
 def _of_pictures(case: str) -> Callable[[ThesisOptions], Sequence[Chore]]:
-    return _of_clouds(("treated", case), ("best", case), *_of_mesh(case, "AF", "first"))
+    return _of_clouds(("treated", case), ("best", OF_CLOUD[case][0]), *_of_mesh(case, "AF", "first"))
 
 
 def _of_clouds(*chores: Chore) -> Callable[[ThesisOptions], Sequence[Chore]]:
@@ -71,7 +71,7 @@ def _all() -> Iterable[Experiment]:
     one = Experiment
     zero, noise = _of_clouds(("lab",), ("treated", "zero")), _of_clouds(("treated", "noise"))
     hdl, sweeps = _of_clouds(*_CLOUD["hdl"]), _of_clouds(("hdl", "5"))
-    cut = _of_clouds(*(chore for mesh in ("SS2", "SS4") for chore in _of_mesh("hdl", mesh, "exude")), ("best", "hdl"))
+    cut = _of_clouds(*(chore for mesh in ("SS2", "SS4") for chore in _of_mesh("hdl", mesh, "exude")), ("best", "hdl"), ("best", "hdl_known"))
     yield one(id="F2.4", section="2.1.2", title="One turn of a single-beam LiDAR", make=background.one_beam)
     yield one(id="F2.5", section="2.1.2", title="Data of an HDL-32E", make=background.hdl_data)
     yield one(id="S2.1", section="2.1.2", title="What the sensors of 2.1 bring home (left open)", make=blanks.sensors)
@@ -129,7 +129,7 @@ def _all() -> Iterable[Experiment]:
     yield one(id="S4.4", section="4.4", title="What each data set tells of the beam", make=conclusion.dimensions, needs=_of_best)
     for number, case in enumerate(conclusion.SETS, 1):
         make, needs = conclusion.four_pictures(case), _of_pictures(case)
-        yield one(id=f"S4.4.{number}", section="4.4", title=f"Shape estimation: {CASES[case]}", make=make, needs=needs)
+        yield one(id=f"S4.4.{number}", section="4.4", title=f"Shape estimation: {CASES[OF_CLOUD[case][0]]}", make=make, needs=needs)
     yield one(id="S5.1", section="5", title="Boundary representations", make=conclusion.boundary_representations, needs=_of_best)
     beside = "Finite elements: the converted beams beside the true one"
     yield one(id="S5.2", section="5", title=beside, make=conclusion.finite_elements, needs=_of_best)

@@ -13,7 +13,7 @@ from scan2fea.kernel.topology import face_components
 from scan2fea.reconstruction.scale_space import smoothing_radius
 from scan2fea.repair.clean import taken, without_unused
 from scan2fea.thesis.bench import Bench
-from scan2fea.thesis.best import Best, best
+from scan2fea.thesis.best import KNOWN, STATED, Best, best, shown
 from scan2fea.thesis.clouds import beam_points, beam_solid
 from scan2fea.thesis.experiment import Cell, Made, Table
 from scan2fea.thesis.measured import QUALITIES, Measured, measured
@@ -77,7 +77,7 @@ def quality_table(name: str, case: str) -> Callable[[Bench], Made]:
             says += _why(bench, case, printed, found, reason)
             if printed.stage == "optimised" and (printed.mesh == "AF" or not bench.options.quick):
                 rows.append(_held_row(bench, case, printed.mesh))
-        rows += [_best_row(bench, name) for name in ((case, "known") if case == "noise" else (case,))]
+        rows += [_best_row(bench, name) for name in shown(case, quick=bench.options.quick)]
         return Made(table=Table(head=HEAD, rows=tuple(rows)), says=(*dict.fromkeys(says), *_quick(bench, case)))
 
     return make
@@ -114,7 +114,8 @@ def _best_row(bench: Bench, case: str) -> tuple[Cell, ...]:
         found: Best = best(bench, case)
     except Scan2FeaError as error:
         return ("pipeline", "", BEST, *[None] * (len(HEAD) - 5), False, str(error))
-    route = str((found.row.get("route")) or "") + (", section known" if case == "known" else "")
+    told = ", section known" if case in KNOWN else ", noise stated" if case in STATED else ""
+    route = str(found.row.get("route") or "") + told
     if found.surface is None:
         return ("pipeline", route, BEST, *[None] * (len(HEAD) - 5), found.converted, found.reason)
     m = bench.kept(f"measured best {case}", lambda: measured(_required(found.surface)))
@@ -184,5 +185,5 @@ def cut_table(bench: Bench) -> Made:
         m = measured(kept)
         rows.append(_measured_row(bench, "hdl", printed.mesh, printed.stage, SAME, m, m.n_half_edges, m.reason))
         says += [f"{printed.mesh}: {n_cut} shells cut off.", *_why(bench, "hdl", printed, m, m.reason)]
-    rows.append(_best_row(bench, "hdl"))
+    rows += [_best_row(bench, name) for name in shown("hdl", quick=bench.options.quick)]
     return Made(table=Table(head=HEAD, rows=tuple(rows)), says=tuple(says))

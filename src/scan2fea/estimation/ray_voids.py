@@ -1,0 +1,87 @@
+"""What rays say that the density of their points cannot: whether neighbours show a surface at all, and where a face was shot through.
+
+The points of one ring of a rotating LiDAR scatter along their rays, in the cone that the beam sweeps. Where rings stand farther apart than that
+noise, neighbours lie in the cone and not in the surface: their plane, their scatter and the empty places between them are the sensor's.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from scan2fea.estimation.explain import AGAIN, VOID_CELLS, VOID_POINTS, ByRays, on_faces, outline_distance
+from scan2fea.estimation.solid import swept
+from scan2fea.estimation.swept import sweep_of_member
+from scan2fea.kernel.noise import sampled_rows
+from scan2fea.kernel.normals import normals_at
+from scan2fea.kernel.rays import first_hits, scene_of
+from scan2fea.kernel.sections import section
+from scan2fea.types import FloatArray, Member, Scan
+
+_NEIGHBOURS = 12
+_POINTS = 2_000
+_EDGE_ON = 0.26  # |cosine| of ray and normal: 75 degrees, where hardly a ray comes back from a surface
+_REACH = 6.0  # sigma beyond which a return is not of the member
+_A_CELL = 6.0  # rays aimed at a cell, on average
+
+
+def in_sheets(scan: Scan, seed: int = 0) -> bool:
+    """Whether most points lie in planes that hold their own rays. False where rays are not known."""
+    known = np.flatnonzero(scan.cloud.ray >= 0)
+    if scan.rays is None or len(known) <= _NEIGHBOURS:
+        return False
+    points = scan.cloud.points[known]
+    some = sampled_rows(len(points), _POINTS, seed)
+    normal = normals_at(points[some], points, _NEIGHBOURS)
+    way = scan.rays.direction[scan.cloud.ray[known[some]]]
+    return float(np.mean(np.abs(np.einsum("ni,ni->n", normal, way)) < _EDGE_ON)) > 0.5
+
+
+def shot_through(scan: Scan, member: Member, sigma_m: float) -> int:
+    """Number of holes: places within a face at which rays were aimed that nothing stopped before, most of which passed. 0 where rays are not known.
+
+    sigma_m : of the range.
+    """
+    if scan.rays is None:
+        return 0
+    origin, way, reach = scan.rays.origin, scan.rays.direction, scan.rays.range_m
+    entry, _ = first_hits(scene_of(swept(member)), origin, way)
+    aimed = np.isfinite(entry) & ~(reach < entry - _REACH * sigma_m)
+    at = sweep_of_member(member).coordinates(origin[aimed] + entry[aimed, None] * way[aimed])
+    passed = ~(reach[aimed] <= entry[aimed] + _REACH * sigma_m)
+    shape, length = section(member.family, member.values()), member.values()["length"]
+    _, edge, along = outline_distance(shape, at[:, :2])
+    return sum(_holes(s, at[rows, 2], passed[rows], width, length) for _, rows, s, width in on_faces(shape, edge, along))
+
+
+def told_by_rays(scan: Scan, member: Member, sigma_m: float, seed: int = 0) -> ByRays:
+    """What `explanation` is told where points lie in sheets: holes, and where the rays that hit would measure the member. sigma_m : of the range."""
+    return ByRays(voids=shot_through(scan, member, sigma_m), again=_measured_again(scan, member, sigma_m, seed))
+
+
+def _measured_again(scan: Scan, member: Member, sigma_m: float, seed: int) -> FloatArray:
+    """(m, 2) in the section: each ray of a point that meets the member, AGAIN times, with noise along it."""
+    if scan.rays is None:
+        return np.zeros((0, 2))
+    rows = scan.cloud.ray[scan.cloud.ray >= 0]
+    origin, way = scan.rays.origin[rows], scan.rays.direction[rows]
+    entry, _ = first_hits(scene_of(swept(member)), origin, way)
+    met = np.repeat(np.flatnonzero(np.isfinite(entry)), AGAIN)
+    reach = entry[met] + sigma_m * np.random.default_rng([seed, 9]).standard_normal(len(met))
+    return np.asarray(sweep_of_member(member).coordinates(origin[met] + reach[:, None] * way[met])[:, :2])
+
+
+def _holes(s: FloatArray, z: FloatArray, passed: FloatArray, width: float, length: float) -> int:
+    """Enclosed regions of cells of a face where most rays passed."""
+    cell = np.sqrt(width * length * _A_CELL / max(len(s), 1))
+    n_s, n_z = round(width / cell), min(round(length / cell), 2000)
+    if min(n_s, n_z) < VOID_CELLS:
+        return 0
+    i = np.clip((s / width * n_s).astype(int), 0, n_s - 1)
+    j = np.clip((z / length * n_z).astype(int), 0, n_z - 1)
+    aimed = np.bincount(i * n_z + j, minlength=n_s * n_z).reshape(n_s, n_z)
+    gone = np.bincount(i * n_z + j, weights=passed, minlength=n_s * n_z).reshape(n_s, n_z)
+    label, n_regions = ndimage.label(2 * gone > aimed)
+    rim = np.unique(np.r_[label[0], label[-1], label[:, 0], label[:, -1]])
+    regions = [k for k in range(1, n_regions + 1) if k not in rim]
+    return sum((label == k).sum() >= VOID_CELLS and aimed[label == k].sum() > VOID_POINTS for k in regions)

@@ -1,0 +1,56 @@
+"""What rays tell that points cannot: holes that were shot through, and neighbours that lie in the sensor's own sheets."""
+
+import numpy as np
+import pytest
+
+from estimation.made import made
+from scan2fea.estimation.ray_voids import in_sheets, shot_through
+from scan2fea.types import PointCloud, Rays, Scan
+
+PLATE = made("rect", 1.0, {"b": 0.2, "t": 0.02})  # b along x, t along y, 1 m along z
+STEP = 0.008
+
+
+def aimed(step_z=STEP, noise=0.0):
+    """Rays from one place at a grid of the plate's front face and beyond it; what they would meet."""
+    x, z = (g.ravel() for g in np.meshgrid(np.arange(-0.15, 0.15, STEP), np.arange(-0.1, 1.1, step_z)))
+    there = np.stack([x, np.full(len(x), -0.01), z], 1)
+    origin = np.array([0.0, -2.0, 0.5])
+    away = there - origin
+    reach = np.linalg.norm(away, axis=1)
+    hit = (np.abs(x) <= 0.1) & (z >= 0) & (z <= 1)
+    measured = np.where(hit, reach + noise * np.random.default_rng(0).standard_normal(len(reach)), np.nan)
+    return there, origin, away / reach[:, None], reach, measured, hit
+
+
+def scan_of(origin, way, measured):
+    hit = np.flatnonzero(np.isfinite(measured))
+    points = origin + measured[hit, None] * way[hit]
+    rays = Rays(origin=np.tile(origin, (len(way), 1)), direction=way, range_m=measured)
+    return Scan(cloud=PointCloud.of(points, ray=hit), rays=rays)
+
+
+@pytest.mark.parametrize(
+    ("centre", "radius", "n"), [((0.0, 0.5), 0.0, 0), ((0.0, 0.5), 0.07, 1), ((0.1, 0.5), 0.07, 0), ((0.0, 0.5), 0.012, 0)]
+)
+def test_a_hole_is_where_rays_passed(centre, radius, n):
+    there, origin, way, _, measured, _ = aimed()
+    gone = np.hypot(there[:, 0] - centre[0], there[:, 2] - centre[1]) < radius  # none, one in the middle, a notch of the rim, one of few rays
+    assert shot_through(scan_of(origin, way, np.where(gone, np.nan, measured)), PLATE, 1e-3) == n
+    assert shot_through(scan_of(origin, way, np.where(gone, measured + 0.5, measured)), PLATE, 1e-3) == n  # what stands behind was hit
+    assert shot_through(scan_of(origin, way, np.where(gone, measured - 0.5, measured)), PLATE, 1e-3) == 0  # what stands before hides it
+
+
+def test_a_place_where_nobody_looked_is_no_hole():
+    there, origin, way, _, measured, _ = aimed()
+    looked = np.hypot(there[:, 0], there[:, 2] - 0.5) > 0.07
+    assert shot_through(scan_of(origin, way[looked], measured[looked]), PLATE, 1e-3) == 0
+
+
+def test_rings_far_apart_under_wide_noise_are_sheets():
+    _, origin, way, _, measured, _ = aimed(step_z=0.1, noise=0.01)
+    assert in_sheets(scan_of(origin, way, measured))
+    _, origin, way, _, measured, _ = aimed(step_z=STEP, noise=0.001)
+    near = scan_of(origin, way, measured)
+    assert not in_sheets(near)
+    assert not in_sheets(Scan(cloud=near.cloud)) and shot_through(Scan(cloud=near.cloud), PLATE, 1e-3) == 0

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from estimation.made import made
-from scan2fea.estimation.ray_voids import in_sheets, shot_through
+from scan2fea.estimation.explain import AGAIN
+from scan2fea.estimation.ray_voids import in_sheets, shot_through, told_by_rays
 from scan2fea.types import PointCloud, Rays, Scan
 
 PLATE = made("rect", 1.0, {"b": 0.2, "t": 0.02})  # b along x, t along y, 1 m along z
@@ -54,3 +55,14 @@ def test_rings_far_apart_under_wide_noise_are_sheets():
     near = scan_of(origin, way, measured)
     assert not in_sheets(near)
     assert not in_sheets(Scan(cloud=near.cloud)) and shot_through(Scan(cloud=near.cloud), PLATE, 1e-3) == 0
+
+
+def test_points_measured_again_lie_where_the_data_lie():
+    _, origin, way, _, measured, _ = aimed(step_z=0.05, noise=0.01)
+    scan = scan_of(origin, way, measured)
+    again = told_by_rays(scan, PLATE, 0.01).again
+    assert 0.99 * len(scan.cloud) < len(again) / AGAIN <= len(scan.cloud)  # a ray along an edge may miss
+    # of the front face alone, blurred along the rays: the depth has the noise of the range, and none is added across
+    depth = again[:, 1] + PLATE.values()["t"] / 2
+    assert abs(depth.mean()) < 4 * 0.01 / len(again) ** 0.5 and depth.std() == pytest.approx(0.01, rel=0.05)
+    assert np.abs(again[:, 0]).max() < 0.105

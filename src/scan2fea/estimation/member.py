@@ -119,7 +119,7 @@ def fit_member(
             method="rays" if by_rays else "density",
             why={} if by_rays else {**found.why, "rays": why_not},
         )
-        if by_rays and fixed and in_sheets(scan, options.seed):
+        if by_rays and fixed:
             p_fixed, given = compared_by_rays(scan, member, fixed, options.seed)
             found = dataclasses.replace(found, p_fixed=p_fixed, given=given)
     return dataclasses.replace(found, member=dataclasses.replace(found.member, inside=inside_of(points, found.member)))

@@ -16,7 +16,7 @@ from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.normals import normals_at
 from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.kernel.sections import section
-from scan2fea.types import FloatArray, Member, Scan
+from scan2fea.types import BoolArray, FloatArray, Member, Scan
 
 _NEIGHBOURS = 12
 _POINTS = 2_000
@@ -55,7 +55,7 @@ def shot_through(scan: Scan, member: Member, sigma_m: float) -> int:
 
 
 def told_by_rays(scan: Scan, member: Member, sigma_m: float, seed: int = 0) -> ByRays:
-    """What `explanation` is told where points lie in sheets: holes, and where the rays that hit would measure the member. sigma_m : of the range."""
+    """What `explanation` is told of a member that was fitted to rays: holes, and where the rays that hit would measure it. sigma_m : of the range."""
     return ByRays(voids=shot_through(scan, member, sigma_m), again=_measured_again(scan, member, sigma_m, seed))
 
 
@@ -71,7 +71,7 @@ def _measured_again(scan: Scan, member: Member, sigma_m: float, seed: int) -> Fl
     return np.asarray(sweep_of_member(member).coordinates(origin[met] + reach[:, None] * way[met])[:, :2])
 
 
-def _holes(s: FloatArray, z: FloatArray, passed: FloatArray, width: float, length: float) -> int:
+def _holes(s: FloatArray, z: FloatArray, passed: BoolArray, width: float, length: float) -> int:
     """Enclosed regions of cells of a face where most rays passed."""
     cell = np.sqrt(width * length * _A_CELL / max(len(s), 1))
     n_s, n_z = round(width / cell), min(round(length / cell), 2000)
@@ -80,8 +80,8 @@ def _holes(s: FloatArray, z: FloatArray, passed: FloatArray, width: float, lengt
     i = np.clip((s / width * n_s).astype(int), 0, n_s - 1)
     j = np.clip((z / length * n_z).astype(int), 0, n_z - 1)
     aimed = np.bincount(i * n_z + j, minlength=n_s * n_z).reshape(n_s, n_z)
-    gone = np.bincount(i * n_z + j, weights=passed, minlength=n_s * n_z).reshape(n_s, n_z)
+    gone = np.bincount(i * n_z + j, weights=passed.astype(float), minlength=n_s * n_z).reshape(n_s, n_z)
     label, n_regions = ndimage.label(2 * gone > aimed)
     rim = np.unique(np.r_[label[0], label[-1], label[:, 0], label[:, -1]])
     regions = [k for k in range(1, n_regions + 1) if k not in rim]
-    return sum((label == k).sum() >= VOID_CELLS and aimed[label == k].sum() > VOID_POINTS for k in regions)
+    return sum(bool((label == k).sum() >= VOID_CELLS and aimed[label == k].sum() > VOID_POINTS) for k in regions)

@@ -13,7 +13,7 @@ from scan2fea.estimation.anneal import walls
 from scan2fea.estimation.explain import Explanation, explanation, outline_distance
 from scan2fea.estimation.given import Given, compared, joint_p_value, told_by
 from scan2fea.estimation.ray_likelihood import RayOptions, fit_rays
-from scan2fea.estimation.ray_voids import in_sheets, told_by_rays
+from scan2fea.estimation.ray_voids import told_by_rays
 from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.sections import PARAMETERS, section
 from scan2fea.types import Member, Parameter, Scan
@@ -68,7 +68,7 @@ def refined(
         return member, told, "only the rays that hit were recorded: they do not say where the member ends across them"
     found = dataclasses.replace(fit.member, families=member.families)
     points = scan.cloud.points if scan.cloud.is_inferred is None else scan.cloud.points[~scan.cloud.is_inferred]
-    by_rays = told_by_rays(scan, found, found.sigma_m, seed) if fit.misses_known and in_sheets(scan, seed) else None
+    by_rays = told_by_rays(scan, found, found.sigma_m, seed) if fit.misses_known else None
     judged = explanation(points, found, found.sigma_m, seed, along_rays=True, by_rays=by_rays)
     if not judged.explains and told.explains:  # where neither explains the points, hits and misses know more than points alone
         return member, told, f"the member that the rays prefer explains the points less well: {judged.reason}"

@@ -6,6 +6,7 @@ import gmsh
 import numpy as np
 import pytest
 
+from drawn import drawing, triangles
 from scan2fea.cad import true_solid
 from scan2fea.cad.fillets import rolled
 from scan2fea.cad.readback import read_back
@@ -54,10 +55,7 @@ def test_faces_without_an_edge_between_them_have_no_fillet():
 @functools.cache
 def angle_piece():
     """An angle 60 x 40 x 50 mm, 8 mm thick, its corner filled with 10 mm, two ridges rounded with 12 mm; with its volume, m3."""
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        occ = gmsh.model.occ
+    with drawing() as occ:
         body, _ = occ.fuse([(3, occ.addBox(0, 0, 0, 60, 40, 8))], [(3, occ.addBox(0, 0, 0, 8, 40, 50))])
         occ.synchronize()
         radii = {}
@@ -71,17 +69,8 @@ def angle_piece():
         made = occ.fillet([body[0][1]], list(radii), list(radii.values()))
         occ.synchronize()
         held = occ.getMass(*made[0]) * 1e-9
-        gmsh.option.setNumber("Mesh.MeshSizeMax", EDGE * 1e3)
-        gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 24)
-        gmsh.model.mesh.generate(2)
-        tags, xyz, _ = gmsh.model.mesh.getNodes()
-        row = np.zeros(int(tags.max()) + 1, np.int64)
-        row[tags.astype(np.int64)] = np.arange(len(tags))
-        faces = row[gmsh.model.mesh.getElementsByType(2)[1].astype(np.int64).reshape(-1, 3)]
-    finally:
-        gmsh.finalize()
-    used, packed = np.unique(faces, return_inverse=True)
-    return xyz.reshape(-1, 3)[used] / 1e3, packed.reshape(-1, 3).astype(np.int64), held
+        mesh = triangles(EDGE * 1e3, 1e-3)
+    return mesh.vertices, mesh.faces, held
 
 
 @pytest.mark.parametrize(("sigma", "off"), [(0.0, 1e-6), (1e-4, 3e-3)])

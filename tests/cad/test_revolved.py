@@ -2,10 +2,10 @@
 
 import functools
 
-import gmsh
 import numpy as np
 import pytest
 
+from drawn import drawing, triangles
 from predicates import rotation
 from scan2fea.cad import BOX_OFF, box_off_m, true_solid
 from scan2fea.cad.meridian import Piece, corner, fit_values, is_smooth, pieces_of
@@ -22,10 +22,7 @@ EDGE, R, LENGTH = 0.008, 0.06, 0.12
 @functools.cache
 def vessel(hollow):
     """A drum with ellipsoidal 2:1 heads and a nozzle, or an open shell with one such head; its triangles and its volume."""
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        occ = gmsh.model.occ
+    with drawing() as occ:
 
         def drum(r, bottom, depth, top):
             ball = occ.addSphere(0, 0, 0, r)
@@ -41,19 +38,9 @@ def vessel(hollow):
             occ.translate([(3, ball)], 0, 0, LENGTH)
             body, _ = occ.fuse(drum(R, 0, R / 2, LENGTH), [(3, ball)])
             body, _ = occ.fuse(body, [(3, occ.addCylinder(0, 0, LENGTH / 2, 0.1, 0, 0, 0.02))])
-        occ.synchronize()
-        gmsh.option.setNumber("Mesh.MeshSizeMax", EDGE)
-        gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 24)
-        gmsh.model.mesh.generate(2)
-        tags, xyz, _ = gmsh.model.mesh.getNodes()
-        row = np.zeros(int(tags.max()) + 1, np.int64)
-        row[tags.astype(np.int64)] = np.arange(len(tags))
-        faces = row[gmsh.model.mesh.getElementsByType(2)[1].astype(np.int64).reshape(-1, 3)]
+        mesh = triangles(EDGE)
         held = occ.getMass(*body[0])
-    finally:
-        gmsh.finalize()
-    used, packed = np.unique(faces, return_inverse=True)
-    mesh = TriangleMesh(vertices=xyz.reshape(-1, 3)[used] @ rotation(1).T, faces=packed.reshape(-1, 3).astype(np.int64))
+    mesh = TriangleMesh(vertices=mesh.vertices @ rotation(1).T, faces=mesh.faces)
     return repair(mesh).mesh, held  # the mesher does not turn all faces of a cut body the same way
 
 

@@ -3,10 +3,10 @@
 import functools
 from dataclasses import replace
 
-import gmsh
 import numpy as np
 import pytest
 
+from drawn import drawing, triangles
 from predicates import box, rotation, torus
 from scan2fea.cad import CadOptions, assembly, true_solid
 from scan2fea.cad.patches import segmented
@@ -28,10 +28,7 @@ CUP = np.pi * (0.05**2 * 0.02 - 0.008**2 * 0.06) + np.pi * 0.04 / 3 * (0.035**2 
 @functools.cache
 def meshed(kind):
     """Triangles of an exact body, about EDGE long, in metres."""
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        occ = gmsh.model.occ
+    with drawing() as occ:
         if kind == "plate":
             body = [(3, occ.addBox(0, 0, 0, 0.12, 0.08, 0.01))]
             tools = [(3, occ.addCylinder(x, y, -0.01, 0, 0, 0.03, r)) for x, y, r in ((0.03, 0.04, 0.01), (0.07, 0.02, 0.006), (0.1, 0.06, 0.006))]
@@ -44,18 +41,7 @@ def meshed(kind):
         else:
             body = [(3, occ.addBox(0, 0, 0, 0.1, 0.1, 0.03))]
             occ.fuse(body, [(3, occ.addSphere(0.05, 0.05, 0.03, 0.025))])
-        occ.synchronize()
-        gmsh.option.setNumber("Mesh.MeshSizeMax", EDGE)
-        gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 24)
-        gmsh.model.mesh.generate(2)
-        tags, xyz, _ = gmsh.model.mesh.getNodes()
-        row = np.zeros(int(tags.max()) + 1, np.int64)
-        row[tags.astype(np.int64)] = np.arange(len(tags))
-        faces = row[gmsh.model.mesh.getElementsByType(2)[1].astype(np.int64).reshape(-1, 3)]
-    finally:
-        gmsh.finalize()
-    used, packed = np.unique(faces, return_inverse=True)
-    mesh = TriangleMesh(vertices=xyz.reshape(-1, 3)[used], faces=packed.reshape(-1, 3).astype(np.int64))
+        mesh = triangles(EDGE)
     return mesh if volume(mesh) > 0 else TriangleMesh(vertices=mesh.vertices, faces=mesh.faces[:, ::-1])
 
 

@@ -50,9 +50,11 @@ _STRAY_DRAWS = 20_000
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ByRays(Value):
-    """voids : holes that were shot through.   again : (m, 2) where the rays of the data would measure the model, in the section, `AGAIN` times."""
+    """voids : holes that were shot through, None where rays do not tell.   again : (m, 2) where the rays of the data would measure the model, in the
+    section, `AGAIN` times.
+    """
 
-    voids: int
+    voids: int | None
     again: FloatArray
 
 
@@ -107,7 +109,7 @@ def explanation(
     again = None if by_rays is None else by_rays.again
     cells = _cells(surface, side, shape, values["length"], sigma_m, size, clutter, seed, 1.0 if along_rays else 0.5, again)
     seen, empty = _occupied(surface, side, shape, values["length"], size)
-    voids = empty if by_rays is None else by_rays.voids
+    voids = empty if by_rays is None or by_rays.voids is None else by_rays.voids
     near = some[~stray]
     local_sigma = noise_sigma(near, seed=seed) if len(near) >= 50 else math.nan
     rms = float(np.sqrt(np.mean(surface.distance[~stray] ** 2))) if (~stray).any() else math.nan

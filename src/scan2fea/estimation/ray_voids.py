@@ -54,9 +54,10 @@ def shot_through(scan: Scan, member: Member, sigma_m: float) -> int:
     return sum(_holes(s, at[rows, 2], passed[rows], width, length) for _, rows, s, width in on_faces(shape, edge, along))
 
 
-def told_by_rays(scan: Scan, member: Member, sigma_m: float, seed: int = 0) -> ByRays:
+def told_by_rays(scan: Scan, member: Member, sigma_m: float, seed: int = 0, *, misses_known: bool = True) -> ByRays:
     """What `explanation` is told of a member that was fitted to rays: holes, and where the rays that hit would measure it. sigma_m : of the range."""
-    return ByRays(voids=shot_through(scan, member, sigma_m), again=_measured_again(scan, member, sigma_m, seed))
+    asked = misses_known or in_sheets(scan, seed)  # what was hit behind a hole tells of it, and the gaps between rings tell nothing
+    return ByRays(voids=shot_through(scan, member, sigma_m) if asked else None, again=_measured_again(scan, member, sigma_m, seed))
 
 
 def _measured_again(scan: Scan, member: Member, sigma_m: float, seed: int) -> FloatArray:

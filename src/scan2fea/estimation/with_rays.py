@@ -68,7 +68,7 @@ def refined(
         return member, told, "only the rays that hit were recorded: they do not say where the member ends across them"
     found = dataclasses.replace(fit.member, families=member.families)
     points = scan.cloud.points if scan.cloud.is_inferred is None else scan.cloud.points[~scan.cloud.is_inferred]
-    by_rays = told_by_rays(scan, found, found.sigma_m, seed) if fit.misses_known else None
+    by_rays = told_by_rays(scan, found, found.sigma_m, seed, misses_known=fit.misses_known)
     judged = explanation(points, found, found.sigma_m, seed, along_rays=True, by_rays=by_rays)
     if not judged.explains and told.explains:  # where neither explains the points, hits and misses know more than points alone
         return member, told, f"the member that the rays prefer explains the points less well: {judged.reason}"

@@ -8,6 +8,7 @@ from photographed import photographed
 from predicates import assert_closed_manifold_oriented, assert_no_crossing, box, extruded, sphere, two_sided
 from scan2fea.kernel.measures import volume
 from scan2fea.reconstruction import reconstruct
+from scan2fea.reconstruction.budget import WALL_ENDS
 from scan2fea.reconstruction.gates_ranges import HALVES, PASSED, UNSEEN_VOLUME
 from scan2fea.reconstruction.hidden_volume import unseen_volume
 from scan2fea.reconstruction.isosurface import isosurface, rebuilt, spread
@@ -72,6 +73,16 @@ def test_a_side_never_seen_is_refused():
     cut = Scan(cloud=PointCloud.of(points[front], raw_index=np.flatnonzero(front)))
     failed = [check.name for check in reconstruct(cut).checks if not check.passed]
     assert "unmeasured area" in failed
+
+
+def test_where_a_scan_was_cut_the_walls_may_go_on(angle, found):
+    """The pixels of the missing points are no proof that nothing was there."""
+    _, points, _ = angle
+    kept = points[:, 0] < np.quantile(points[:, 0], 0.85)
+    cut = reconstruct(Scan(cloud=PointCloud.of(points[kept], raw_index=np.flatnonzero(kept))))
+    assert cut.source == "ranges"
+    assert WALL_ENDS in [check.name for check in cut.checks if not check.passed]
+    assert {check.name: check.value for check in found.checks}[WALL_ENDS] < 0.001
 
 
 def test_fit_has_no_bias(angle):

@@ -14,15 +14,18 @@ import numpy as np
 from scan2fea.errors import ReconstructionError
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import area, face_areas, face_normals, vertex_normals, volume
+from scan2fea.kernel.noise import spacing
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.kernel.side_normals import wall_depth
-from scan2fea.reconstruction.evidence import KNOWN_WALL, WALL_QUANTILE, at_most
-from scan2fea.reconstruction.gates_ranges import NOT_SEEN, gates_ranges, own_image
+from scan2fea.reconstruction.budget import volume_in_doubt
+from scan2fea.reconstruction.evidence import KNOWN_WALL, WALL_QUANTILE, Evidence, at_most
+from scan2fea.reconstruction.gates_ranges import NOT_SEEN, UNSEEN_ENDS, gates_ranges, own_image
 from scan2fea.reconstruction.isosurface import isosurface, rebuilt
 from scan2fea.reconstruction.occupancy import cell_of, occupancy
 from scan2fea.reconstruction.range_fit import FLATNESS, Fit, measured, range_fit
 from scan2fea.reconstruction.raster import Images
+from scan2fea.reconstruction.wall_ends import wall_ends
 from scan2fea.types import BoolArray, Check, FloatArray, TriangleMesh, Value
 
 FIRST_CELL = 1.7  # pixels: to find the area
@@ -109,12 +112,34 @@ def _tried(points: FloatArray, images: Images, sigma: float, cell: float, flatne
     edge = math.sqrt(2.3 * float(face_areas(mesh).mean()))
     wall = wall_depth(mesh.vertices, vertex_normals(mesh), edge, REACH * edge)
     one = at_most("parts", float(n_parts), 1.0, f"the rays enclose {n_parts} separate parts: segment them into objects of their own")
-    checks = (*gates_ranges(fit, images, sigma, residual, typical_wall(wall), pixel, spread), one)
+    ends = wall_ends(_evidence(fit, images, wall, residual), UNSEEN_ENDS)
+    checks = (*gates_ranges(fit, images, sigma, residual, typical_wall(wall), pixel, spread), *ends, one)
+    checks = (*checks, volume_in_doubt(checks))
     if all(check.passed for check in checks):
         again, _ = _surface(*_seen_again(mesh, images, sigma, seed), sigma, cell, flatness, seed)
         checks = (*checks, own_image(volume(again) / volume(mesh) - 1))
     return Ranged(
         fit=fit, sigma_m=sigma, residual_m=residual, wall_m=wall, checks=checks, cell_m=cell, n_parts=n_parts, n_tried=n, volume_spread=spread
+    )
+
+
+def _evidence(fit: Fit, images: Images, wall: FloatArray, residual_m: float) -> Evidence:
+    """Where the rays met the surface, as points. wall : thickness at its vertices.
+
+    Rays prove no end: those without a return also stand where a scan was cut to its object, and the others graze a surface fitted into their noise.
+    """
+    met = np.flatnonzero(images.is_hit & (fit.face >= 0))
+    face = fit.face[met]
+    places = images.origin[met] + (images.range_m[met] - fit.off_m[met])[:, None] * images.direction[met]
+    return Evidence(
+        points=places,
+        mesh=fit.mesh,
+        smoothed=places,
+        normals=face_normals(fit.mesh)[face],
+        thickness_m=wall[fit.mesh.faces[face, 0]],
+        gap_m=np.full(len(places), np.nan),
+        spacing_m=spacing(places),
+        sigma_m=residual_m,
     )
 
 

@@ -55,7 +55,7 @@ class Stretch(Value):
     is_told: bool
 
 
-def wall_ends(evidence: Evidence) -> tuple[Check, Check]:
+def wall_ends(evidence: Evidence, limit: float = LIMIT) -> tuple[Check, Check]:
     """How much may hide beyond ends of walls without points? What chance does not leave bare, and what it may.
 
     An end of length P round a hole encloses at most P^2 / (4 pi) of wall, at an edge twice that, at a corner four times; where more than half of an
@@ -80,14 +80,14 @@ def wall_ends(evidence: Evidence) -> tuple[Check, Check]:
         where.append(mesh.vertices[mesh.faces[stretch.faces]].mean(axis=1))
     share, doubtful = (min(1.0, part / body) if body > 0.0 else 0.0 for part in (hidden, open_m3))
     says = (
-        f"{share:.0%} of the volume may hide beyond ends of walls where no point was measured (limit {LIMIT:.0%}){around(np.concatenate(where))}: "
+        f"{share:.0%} of the volume may hide beyond ends of walls where no point was measured (limit {limit:.0%}){around(np.concatenate(where))}: "
         "the scan may end there, not the wall; scan the edges too, or fit the member"
     )
     short = (
         f"{doubtful:.1%} of the volume may hide beyond short ends of walls that so few points are due on that chance may leave them bare "
         f"(limit {LIMIT_SHORT:.0%}): scan more densely, or give the sensor position"
     )
-    return at_most(WALL_ENDS, share, LIMIT, says), at_most(SHORT_ENDS, doubtful, LIMIT_SHORT, short)
+    return at_most(WALL_ENDS, share, limit, says), at_most(SHORT_ENDS, doubtful, LIMIT_SHORT, short)
 
 
 def stretches(evidence: Evidence) -> tuple[list[Stretch], list[Stretch]]:

@@ -11,11 +11,12 @@ from scan2fea.fea.cholesky import Cholesky
 from scan2fea.fea.dissection import dissect, dissect_before, without
 from scan2fea.fea.inner import InnerForces
 from scan2fea.fea.lanczos import free_modes, largest
-from scan2fea.fea.linear import Masked, Shared, StaticSolver, conjugate_gradients, inverses
+from scan2fea.fea.linear import TWO_LEVEL, Masked, Shared, StaticSolver, conjugate_gradients, inverses
 from scan2fea.fea.modes import Products, first_guess, lobpcg, orthonormal
 from scan2fea.fea.restrain import restrained, rigid_fields, three_points
 from scan2fea.fea.strain import energies
 from scan2fea.fea.surfaces import spread_force, surface
+from scan2fea.fea.two_level import TwoLevel
 
 
 @pytest.fixture(scope="module", params=["block", "angle"])
@@ -61,7 +62,8 @@ def test_single_precision_and_multigrid_reach_the_same_answer(case):
         return (k @ x.ravel()).reshape(-1, 3) * ~held[:, None]
 
     exact = direct(system, held, force[:, :, None])[:, :, 0]
-    for inverse in (Cholesky(system, without(tree, held), 0.0, np.float32), Multigrid(system, rigid_fields(nodes), held, 0.0)):
+    cycles = TwoLevel(system, held, 0.0, 100.0), Multigrid(system, rigid_fields(nodes), held, 0.0)
+    for inverse in (Cholesky(system, without(tree, held), 0.0, np.float32), *cycles):
         x, residual, count = conjugate_gradients(product, inverse, force, 1e-8)
         assert residual <= 1e-8 and 1 <= count < 600
         assert np.abs(x - exact).max() < 1e-5 * np.abs(exact).max()
@@ -74,11 +76,11 @@ def test_choice_follows_the_memory_that_the_factors_need(case):
     def names(**options):
         return [name for name, _ in inverses(system, tree, rigid_fields(nodes), np.repeat(held[:, None], 3, axis=1), 0.0, FeaOptions(**options))]
 
-    both = ["Cholesky (multifrontal, double precision)", "algebraic multigrid with conjugate gradients"]
+    both = ["Cholesky (multifrontal, double precision)", TWO_LEVEL, "algebraic multigrid with conjugate gradients"]
     single = "Cholesky (multifrontal, single precision) with conjugate gradients"
     assert names(max_factor_mb=need) == both  # on the limit: it fits
-    assert names(max_factor_mb=need * 0.999) == [single, both[1]]
-    assert names(max_factor_mb=need / 2) == [single, both[1]]
+    assert names(max_factor_mb=need * 0.999) == [single, *both[1:]]
+    assert names(max_factor_mb=need / 2) == [single, *both[1:]]
     assert names(max_factor_mb=need * 0.499) == both[1:]
     assert names(max_factor_mb=need * 0.1, solver="direct") == both[:1]
 
@@ -141,10 +143,11 @@ def test_multigrid_leaves_the_global_generator_alone(case):
     assert first.tobytes() == Multigrid(system, rigid_fields(nodes), held, 0.0).apply(right).tobytes()
 
 
-def test_a_cycle_is_one_symmetric_positive_operator_on_each_column(case):
+@pytest.mark.parametrize("levels", ["two", "algebraic"])
+def test_a_cycle_is_one_symmetric_positive_operator_on_each_column(case, levels):
     """What conjugate gradients and LOBPCG ask of it: sweeps up are the transposes of those down; columns do not see each other."""
     system, nodes, held, _ = case
-    cycle = Multigrid(system, rigid_fields(nodes), held, 0.0)
+    cycle = TwoLevel(system, held, 0.0, 100.0) if levels == "two" else Multigrid(system, rigid_fields(nodes), held, 0.0)
     x = np.random.default_rng(2).normal(size=(len(nodes), 3, 4)) * ~held[:, None, None]
     y = cycle.apply(x)
     assert (y[held] == 0).all()
@@ -244,3 +247,15 @@ def test_energy_is_that_of_the_matrix(case):
     flat = fields.reshape(3, -1)
     assert energies(mesh, material("S235"), fields) == pytest.approx(flat @ (system.stiffness_matrix() @ flat.T), rel=1e-10)
     assert energies(mesh, material("S235"), np.ones((1, *nodes.shape)))[0, 0] == 0  # a translation strains nothing
+
+
+def test_two_levels_never_overshoot(case):
+    """It stays below the exact inverse in energy; a memory that is too small is told."""
+    system, nodes, held, tree = case
+    free = np.zeros(len(nodes), bool)
+    cycle = TwoLevel(system, free, 1e5, 100.0)
+    right = np.random.default_rng(3).normal(size=(len(nodes), 3, 1))
+    exact = Cholesky(system, tree, 1e5).apply(right)
+    assert np.vdot(right, cycle.apply(right)) <= np.vdot(right, exact) * (1 + 1e-12)  # the cycle never overshoots in energy
+    with pytest.raises(SolveError, match=r"corners need .* MiB, fea\.max_factor_mb = 0\.001"):
+        TwoLevel(system, held, 0.0, 0.001)

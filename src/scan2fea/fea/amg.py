@@ -15,7 +15,7 @@ import scipy.sparse as sp
 
 from scan2fea.errors import SolveError
 from scan2fea.fea.assemble import System
-from scan2fea.kernel.jit import jit
+from scan2fea.fea.sweeps import ascend, descend
 from scan2fea.types import BoolArray, FloatArray, IntArray
 
 STRONG = 0.08  # coupling, relative to the diagonal, that joins nodes: with 0.03 coarser, and thin walls took twice the cycles
@@ -33,50 +33,6 @@ class _Level:
     diagonal: FloatArray
     up: sp.csr_array
     down: sp.csr_array
-
-
-@jit
-def _add(out: FloatArray, factor: float, block: FloatArray, x: FloatArray) -> None:
-    """out (b, r) += factor block (b, b) x (b, r)."""
-    for p in range(block.shape[0]):
-        for q in range(block.shape[1]):
-            a = factor * block[p, q]
-            for c in range(x.shape[1]):
-                out[p, c] += a * x[q, c]
-
-
-@jit
-def _descend(
-    indptr: IntArray, indices: IntArray, blocks: FloatArray, diagonal: FloatArray, right: FloatArray, x: FloatArray, left: FloatArray
-) -> None:
-    """One block Gauss-Seidel sweep from zero, into `x`, and what it leaves of the right side, into `left`; (n, b, r), both zero before.
-
-    From zero a row sees only the rows before it, and is left with what the rows behind it change afterwards: with the block below the diagonal,
-    turned, for the one above it each is read once.
-    """
-    rest = np.zeros(right.shape[1:])
-    for i in range(len(right)):
-        rest[:] = right[i]
-        for k in range(indptr[i], indptr[i + 1]):
-            if indices[k] < i:
-                _add(rest, -1.0, blocks[k], x[indices[k]])
-        _add(x[i], 1.0, diagonal[i], rest)
-        for k in range(indptr[i], indptr[i + 1]):
-            if indices[k] < i:
-                _add(left[indices[k]], -1.0, blocks[k].T, x[i])
-
-
-@jit
-def _ascend(indptr: IntArray, indices: IntArray, blocks: FloatArray, diagonal: FloatArray, right: FloatArray, x: FloatArray) -> None:
-    """One block Gauss-Seidel sweep from the last row to the first, in place: the transpose of the one on the way down."""
-    rest = np.zeros(right.shape[1:])
-    for i in range(len(right) - 1, -1, -1):
-        rest[:] = right[i]
-        for k in range(indptr[i], indptr[i + 1]):
-            if indices[k] != i:
-                _add(rest, -1.0, blocks[k], x[indices[k]])
-        x[i] = 0.0
-        _add(x[i], 1.0, diagonal[i], rest)
 
 
 class Multigrid:
@@ -120,9 +76,9 @@ class Multigrid:
         at = self._levels[k]
         rows = right.reshape(len(at.diagonal), -1, right.shape[1])
         x, left = np.zeros_like(rows), np.zeros_like(rows)
-        _descend(at.indptr, at.indices, at.blocks, at.diagonal, rows, x, left)
+        descend(at.indptr, at.indices, at.blocks, at.diagonal, rows, x, left)
         x += (at.up @ self._cycle(k + 1, np.asarray(at.down @ left.reshape(right.shape)))).reshape(x.shape)
-        _ascend(at.indptr, at.indices, at.blocks, at.diagonal, rows, x)
+        ascend(at.indptr, at.indices, at.blocks, at.diagonal, rows, x)
         return x.reshape(right.shape)
 
 

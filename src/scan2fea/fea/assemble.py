@@ -13,7 +13,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from scan2fea.errors import SolveError, require
-from scan2fea.fea.elements import quadrature, shape, shape_gradient
+from scan2fea.fea.elements import EDGES, quadrature, shape, shape_gradient
 from scan2fea.kernel.jit import jit
 from scan2fea.types import FloatArray, IntArray, Material, TetMesh, Value
 
@@ -23,12 +23,15 @@ class System(Value):
     """Stiffness and mass on the node graph of a mesh.
 
     indptr : (n + 1,), indices : (nnz,), sorted by row.   stiffness : (nnz, 3, 3), N/m.   mass : (nnz,), kg.
+    nodes : (n, 3) metres from their mean.   ends : (n, 2) the corners between which a node is the middle; a corner twice itself.
     """
 
     indptr: IntArray
     indices: IntArray
     stiffness: FloatArray
     mass: FloatArray
+    nodes: FloatArray
+    ends: IntArray
 
     @property
     def n_nodes(self) -> int:
@@ -54,7 +57,7 @@ def node_graph(tets: IntArray, n_nodes: int) -> tuple[IntArray, IntArray]:
 
 
 @jit
-def _find(indices: IntArray, low: int, high: int, column: int) -> int:
+def entry(indices: IntArray, low: int, high: int, column: int) -> int:
     """Position of `column` in the sorted indices[low:high], where it is known to be."""
     while low < high - 1:
         middle = (low + high) // 2
@@ -114,7 +117,7 @@ def _fill_stiffness(
         for a in range(n):
             row = tets[e, a]
             for b in range(n):
-                k = _find(indices, indptr[row], indptr[row + 1], tets[e, b])
+                k = entry(indices, indptr[row], indptr[row + 1], tets[e, b])
                 for r in range(3):
                     for c in range(3):
                         out[k, r, c] += element[a, b, r, c] if a <= b else element[b, a, c, r]
@@ -148,7 +151,7 @@ def _fill_mass(
         for a in range(n):
             row = tets[e, a]
             for b in range(n):
-                out[_find(indices, indptr[row], indptr[row + 1], tets[e, b])] += element[a, b]
+                out[entry(indices, indptr[row], indptr[row + 1], tets[e, b])] += element[a, b]
     return -1
 
 
@@ -178,4 +181,6 @@ def assemble(mesh: TetMesh, material: Material) -> System:
     if bad < 0:
         bad = _fill_mass(nodes, tets, indptr, indices, shape(points, k), shape_gradient(points, k), weights, mass)
     require(bad < 0, SolveError, f"element {bad} has a Jacobian <= 0: it is turned inside out or flat; mesh again with another size")
-    return System(indptr=indptr, indices=indices, stiffness=stiffness, mass=mass * material.density_kg_m3)
+    ends = np.repeat(np.arange(len(nodes))[:, None], 2, axis=1)
+    ends[tets[:, 4:]] = tets[:, np.array(EDGES)][:, : k - 4]
+    return System(indptr=indptr, indices=indices, stiffness=stiffness, mass=mass * material.density_kg_m3, nodes=nodes, ends=ends)

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from scan2fea.errors import SolveError
-from scan2fea.fea.assemble import System, _find, _jacobian
+from scan2fea.fea.assemble import System, _jacobian, entry
 from scan2fea.fea.elements import quadrature, shape_gradient
 from scan2fea.fea.lanczos import largest
 from scan2fea.fea.linear import StaticSolver
@@ -46,7 +46,7 @@ def _fill(
             w = weights[q] * det / 6.0
             for a in range(n):
                 for b in range(n):
-                    k = _find(indices, indptr[tets[e, a]], indptr[tets[e, a] + 1], tets[e, b])
+                    k = entry(indices, indptr[tets[e, a]], indptr[tets[e, a] + 1], tets[e, b])
                     out[k] += w * (g[b, 0] * s[a, 0] + g[b, 1] * s[a, 1] + g[b, 2] * s[a, 2])
 
 

@@ -17,6 +17,7 @@ from scan2fea.fea.cholesky import Cholesky
 from scan2fea.fea.dissection import Tree, without
 from scan2fea.fea.options import FeaOptions
 from scan2fea.fea.restrain import restrained
+from scan2fea.fea.two_level import TwoLevel
 from scan2fea.types import BoolArray, FloatArray, Value
 from scan2fea.units import BYTES_PER_MIB
 
@@ -27,6 +28,7 @@ RESTARTS = 6  # each takes the residual anew from the strains: iterative refinem
 
 
 DIRECT = "Cholesky (multifrontal, double precision)"
+TWO_LEVEL = "two-level multigrid (factors of the corners) with conjugate gradients"
 Product = Callable[[FloatArray], FloatArray]
 
 
@@ -43,7 +45,8 @@ def inverses(
     """(name, how to make it) of the approximate inverses worth trying, best first.
 
     held : (n, 3) unknowns.   tree : fronts of the nodes that are not held, or None where factors are not wanted. Factors in double precision where
-    they fit `max_factor_mb`, in single precision where only those fit, multigrid otherwise or next.
+    they fit `max_factor_mb`, in single precision where only those fit, multigrid otherwise or next: with factors of the corners of quadratic elements
+    where those fit, algebraic last.
     """
 
     def inner() -> System:
@@ -55,8 +58,11 @@ def inverses(
             yield DIRECT, lambda: Cholesky(inner(), tree, shift)
         elif need / 2 <= options.max_factor_mb:
             yield "Cholesky (multifrontal, single precision) with conjugate gradients", lambda: Cholesky(inner(), tree, shift, np.float32)
-    if options.solver != "direct":
-        yield "algebraic multigrid with conjugate gradients", lambda: Multigrid(inner(), rigid, np.asarray(held.all(axis=1)), shift)
+    if options.solver == "direct":
+        return
+    if (system.ends[:, 0] != system.ends[:, 1]).any():
+        yield TWO_LEVEL, lambda: TwoLevel(inner(), np.asarray(held.all(axis=1)), shift, options.max_factor_mb)
+    yield "algebraic multigrid with conjugate gradients", lambda: Multigrid(inner(), rigid, np.asarray(held.all(axis=1)), shift)
 
 
 def conjugate_gradients(

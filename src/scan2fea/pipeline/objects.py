@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 from collections.abc import Sequence
@@ -11,8 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from scan2fea.estimation.ray_voids import in_sheets
 from scan2fea.io.artifacts import fingerprint, save
 from scan2fea.io.files import write_bytes
+from scan2fea.kernel.noise import noise_sigma
 from scan2fea.kernel.threads import in_threads
 from scan2fea.pipeline.children import Limits, Workers, run_children
 from scan2fea.pipeline.config import Config, as_tree
@@ -23,7 +26,9 @@ from scan2fea.pipeline.record import KEEP, RESULT, Say, key_of
 from scan2fea.pipeline.results import object_row
 from scan2fea.pipeline.scene import Scene
 from scan2fea.segmentation import Selection, contact_points
-from scan2fea.types import Scan, Segments
+from scan2fea.types import PointCloud, Rays, Scan, Segments
+
+_AROUND = 0.5  # of the least extent of an object: how far off a ray still tells that it ends
 
 
 def parts_of(scene: Scene, segments: Segments, chosen: Selection, config: Config) -> list[Part]:
@@ -43,10 +48,28 @@ def parts_of(scene: Scene, segments: Segments, chosen: Selection, config: Config
         doubt, smeared = between_frames(scene, rows), smeared_by(scene, own.frame)
         if mesh is None:
             own = contact_points(own, seen, labelled, int(label))
-        scan = Scan(cloud=own, rays=scene.scan.rays).compact()
+        scan = _with_rays(own, scene.scan.rays)
         return Part(id=number, kind=segments.kinds[label], scan=scan, mesh=mesh, between_frames_m=doubt, smeared=smeared)
 
     return in_threads(part_of, range(1, len(chosen.labels) + 1))
+
+
+def _with_rays(own: PointCloud, rays: Rays | None) -> Scan:
+    """The points with their own rays; with all that pass near where neighbours do not tell the noise: the points alone then tell too little."""
+    alone = Scan(cloud=own, rays=rays).compact()
+    if rays is None or not (np.isnan(noise_sigma(own.points)) or in_sheets(alone)):
+        return alone
+    low, high = own.points.min(axis=0), own.points.max(axis=0)
+    around = _AROUND * float((high - low).min())
+    with np.errstate(divide="ignore", invalid="ignore"):
+        a, b = ((side - rays.origin) / rays.direction for side in (low - around, high + around))
+    enter, leave = np.fmin(a, b).max(axis=1), np.fmax(a, b).min(axis=1)
+    keep = (leave > np.maximum(enter, 0)) & ~(rays.range_m < enter)  # a ray without return has no range: it passes
+    keep[own.ray[own.ray >= 0]] = True
+    columns: dict[str, Any] = {f.name: getattr(rays, f.name) for f in dataclasses.fields(rays)}
+    taken: dict[str, Any] = {name: None if column is None else column[keep] for name, column in columns.items()}
+    place = np.cumsum(keep) - 1
+    return Scan(cloud=own.replaced(ray=np.where(own.ray >= 0, place[own.ray], -1)), rays=Rays(**taken))
 
 
 def with_faces(scene: Scene, segments: Segments) -> frozenset[int]:

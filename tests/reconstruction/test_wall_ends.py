@@ -7,7 +7,7 @@ from predicates import box, moved, rotation
 from scan2fea.kernel.distances import sample_surface
 from scan2fea.kernel.measures import area, volume
 from scan2fea.reconstruction import advancing_front, visibility
-from scan2fea.reconstruction.budget import SHORT_ENDS, WALL_ENDS
+from scan2fea.reconstruction.budget import WALL_ENDS
 from scan2fea.reconstruction.evidence import Evidence
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.wall_ends import LIMIT, passed, stretches, wall_ends
@@ -46,12 +46,6 @@ def evidence_without(gone, spacing=0.004, seed=0):
     return found, evidence
 
 
-def ends_of(evidence):
-    told, short = wall_ends(evidence)
-    assert short.name == SHORT_ENDS
-    return told
-
-
 @pytest.fixture(scope="module")
 def notch():
     return lambda points: np.linalg.norm(points[:, :2] - [0.1, 0.0], axis=1) < 0.04
@@ -64,9 +58,8 @@ def value(found):
 @pytest.mark.parametrize("seed", range(2))
 def test_a_plate_seen_all_round_ends_where_it_ends(seed):
     found, evidence = evidence_without(lambda points: np.zeros(len(points), bool), seed=seed)
-    assert value(found).passed and value(found).value == ends_of(evidence).value
+    assert value(found).passed and value(found).value == wall_ends(evidence).value
     assert not any(end.is_told for end in stretches(evidence)[1])
-    assert wall_ends(evidence)[1].passed  # what chance leaves bare of points 0.7 of the wall apart
 
 
 def test_a_notch_through_both_faces_is_no_end(notch):
@@ -120,14 +113,7 @@ def test_asked_of_every_surface_over_the_points(notch):
 def test_the_limit_is_inclusive_and_nothing_is_said_without_a_wall(notch):
     _, evidence = evidence_without(notch)
     assert stretches(dataclasses.replace(evidence, thickness_m=np.full(len(evidence.points), np.nan))) == ([], [])
-    assert ends_of(evidence).limit == LIMIT
-
-
-def test_short_ends_are_a_doubt_that_finer_points_do_away_with():
-    """Volume t L^2 / pi of each, and L goes with the spacing squared: of a whole plate chance leaves less bare the finer the points."""
-    coarse, fine = (wall_ends(evidence_without(lambda points: np.zeros(len(points), bool), spacing=share * T)[1])[1] for share in (0.6, 0.45))
-    assert 0.0 < fine.value < 0.5 * coarse.value and coarse.passed
-    assert "short ends of walls" in coarse.says
+    assert wall_ends(evidence).limit == LIMIT
 
 
 def test_a_line_of_sight_passes_a_place():
@@ -150,7 +136,7 @@ def test_what_is_seen_through_a_notch_is_empty(notch):
         normals=rows(evidence.normals, np.tile([0.0, 0.0, 1.0], (len(through), 1))), gap_m=np.full(n + len(through), np.nan),
         thickness_m=rows(evidence.thickness_m, np.full(len(through), np.nan)),
     )  # fmt: skip
-    assert m and ends_of(evidence).value > LIMIT
-    assert ends_of(seen).value < 0.5 * ends_of(evidence).value
+    assert m and wall_ends(evidence).value > LIMIT
+    assert wall_ends(seen).value < 0.5 * wall_ends(evidence).value
     blind = dataclasses.replace(seen, sensors=np.full_like(seen.points, np.nan))
-    assert ends_of(blind).value == pytest.approx(ends_of(evidence).value, rel=0.01)
+    assert wall_ends(blind).value == pytest.approx(wall_ends(evidence).value, rel=0.01)

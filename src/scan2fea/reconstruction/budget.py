@@ -13,13 +13,12 @@ VOLUME_IN_DOUBT = "volume in doubt"
 LIMIT = 0.05  # of the volume: the error that is tolerated of a volume without noise
 HIDDEN_VOLUME = "volume behind unmeasured area"
 WALL_ENDS = "wall ends without points"
-SHORT_ENDS = "short ends of walls"
 BARE_FACES = "flat faces without points"
 EDGES_CUT = "edges between points"
 EDGES_GROWN = "edges in the noise"
 PLACE = "place of the planes"
 MIXED = "noise past the middle of walls"
-SHARES = dict.fromkeys((HIDDEN_VOLUME, WALL_ENDS, SHORT_ENDS, BARE_FACES, EDGES_CUT, EDGES_GROWN, MIXED), 1.0)
+SHARES = dict.fromkeys((HIDDEN_VOLUME, WALL_ENDS, BARE_FACES, EDGES_CUT, EDGES_GROWN, MIXED), 1.0)
 SHARES[PLACE] = 2.0  # a standard deviation counts twice
 
 

@@ -12,7 +12,7 @@ from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_areas, volume
 from scan2fea.kernel.primitives import Plane
 from scan2fea.reconstruction.bare_faces import bare_faces
-from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, HIDDEN_VOLUME, PLACE, SHORT_ENDS, VOLUME_IN_DOUBT
+from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, HIDDEN_VOLUME, PLACE, VOLUME_IN_DOUBT
 from scan2fea.reconstruction.evidence import at_most, mm
 from scan2fea.reconstruction.gates import in_all
 from scan2fea.reconstruction.gates_surface import deviation, mean_curvature, stray
@@ -28,7 +28,7 @@ BENT = 0.01  # of the points may lie on faces that are bent
 BEND_CHANCE, BEND_NOISE = 1e-6, 0.3  # a quadric bends by more than chance, and by more than this share of the noise
 BEND_SPACING = 0.02
 CURED = frozenset(
-    {EDGES_GROWN, EDGES_CUT, SHORT_ENDS, VOLUME_IN_DOUBT, "deviation p95", "stray points", "unmeasured area", HIDDEN_VOLUME}
+    {EDGES_GROWN, EDGES_CUT, VOLUME_IN_DOUBT, "deviation p95", "stray points", "unmeasured area", HIDDEN_VOLUME}
 )
 LEAST_POINTS, MANY = 10, 40  # of a face: to be tested whether it is bent, and to be tested alone
 UNCERTAIN = 0.02  # of the volume that the places of the planes leave open

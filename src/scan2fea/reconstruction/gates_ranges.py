@@ -10,7 +10,7 @@ from scan2fea.kernel.coverage import unmeasured_share
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import area, face_normals
 from scan2fea.kernel.rays import first_hits, scene_of
-from scan2fea.reconstruction.budget import HIDDEN_VOLUME, SHORT_ENDS, WALL_ENDS
+from scan2fea.reconstruction.budget import HIDDEN_VOLUME, WALL_ENDS
 from scan2fea.reconstruction.evidence import around, at_most, mm
 from scan2fea.reconstruction.hidden_volume import unseen_volume
 from scan2fea.reconstruction.range_fit import Fit
@@ -19,7 +19,7 @@ from scan2fea.types import BoolArray, Check
 
 UNMEASURED = 0.10  # of the area: as where sensor positions are given
 UNSEEN_VOLUME = 0.02  # of the volume that may hide behind what no ray has met
-NOT_SEEN = ("unmeasured area", HIDDEN_VOLUME, WALL_ENDS, SHORT_ENDS)
+NOT_SEEN = ("unmeasured area", HIDDEN_VOLUME, WALL_ENDS)
 UNSEEN_ENDS = 0.01  # half of the 2 % that a volume may be off: whole scans have 0.0007 at most
 REACH = 3.0  # spacings of the rays on the surface: a place farther from any is not measured
 PLACES = 17

@@ -113,7 +113,7 @@ def _tried(points: FloatArray, images: Images, sigma: float, cell: float, flatne
     wall = wall_depth(mesh.vertices, vertex_normals(mesh), edge, REACH * edge)
     one = at_most("parts", float(n_parts), 1.0, f"the rays enclose {n_parts} separate parts: segment them into objects of their own")
     ends = wall_ends(_evidence(fit, images, wall, residual), UNSEEN_ENDS)
-    checks = (*gates_ranges(fit, images, sigma, residual, typical_wall(wall), pixel, spread), *ends, one)
+    checks = (*gates_ranges(fit, images, sigma, residual, typical_wall(wall), pixel, spread), ends, one)
     checks = (*checks, volume_in_doubt(checks))
     if all(check.passed for check in checks):
         again, _ = _surface(*_seen_again(mesh, images, sigma, seed), sigma, cell, flatness, seed)

@@ -21,11 +21,11 @@ from scan2fea.kernel.measures import face_areas, face_normals, volume
 from scan2fea.kernel.neighbors import k_nearest, radius_components
 from scan2fea.kernel.noise import SPACING_NEIGHBORS
 from scan2fea.kernel.topology import edge_table
-from scan2fea.reconstruction.budget import SHORT_ENDS, WALL_ENDS
+from scan2fea.reconstruction.budget import WALL_ENDS
 from scan2fea.reconstruction.evidence import Evidence, around, at_most, wall_m
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh, Value
 
-LIMIT, LIMIT_SHORT = 0.02, 0.05  # of the volume: as behind surface that no ray has met
+LIMIT = 0.02  # of the volume: as behind surface that no ray has met
 OPPOSITE, ALIKE = -0.5, 0.8  # cosine between normals of the two faces of a wall, and of one of them
 FLAT = 0.9  # a triangle whose corners agree better is not looked at
 BETWEEN, MOST_BETWEEN = 0.15, 0.35  # of the wall's thickness below either face, besides the noise: between them
@@ -55,39 +55,32 @@ class Stretch(Value):
     is_told: bool
 
 
-def wall_ends(evidence: Evidence, limit: float = LIMIT) -> tuple[Check, Check]:
-    """How much may hide beyond ends of walls without points? What chance does not leave bare, and what it may.
+def wall_ends(evidence: Evidence, limit: float = LIMIT) -> Check:
+    """How much may hide beyond ends of walls without points?
 
     An end of length P round a hole encloses at most P^2 / (4 pi) of wall, at an edge twice that, at a corner four times; where more than half of an
     end that the whole part lies behind has no points, anything may be beyond. Where sight lines pass beyond an end it may reach as far as these.
-    Points apart by half a wall leave short ends bare by chance, and hide short cuts as well: neither refuses a part by itself, all together may.
     """
     mesh = evidence.mesh
     body, normals, areas = abs(volume(mesh)), face_normals(mesh), face_areas(mesh)
-    hidden, open_m3, where = 0.0, 0.0, [np.zeros((0, 3))]
+    hidden, where = 0.0, [np.zeros((0, 3))]
     unproved, every = stretches(evidence)
     for stretch in every:
         ends = np.isfinite(stretch.slack_m) & stretch.is_told
         hidden += float(areas[stretch.faces[ends]] @ stretch.slack_m[ends])
         where.append(mesh.vertices[mesh.faces[stretch.faces[ends]]].mean(axis=1))
     for stretch in unproved:
-        beyond = stretch.wall_m * stretch.length_m**2 / math.pi
         if not stretch.is_told:
-            open_m3 += beyond
             continue
         endless = _ends_part(stretch, mesh, normals, areas, stretch.wall_m + JOINED * evidence.spacing_m)
-        hidden += math.inf if endless else beyond
+        hidden += math.inf if endless else stretch.wall_m * stretch.length_m**2 / math.pi
         where.append(mesh.vertices[mesh.faces[stretch.faces]].mean(axis=1))
-    share, doubtful = (min(1.0, part / body) if body > 0.0 else 0.0 for part in (hidden, open_m3))
+    share = min(1.0, hidden / body) if body > 0.0 else 0.0
     says = (
         f"{share:.0%} of the volume may hide beyond ends of walls where no point was measured (limit {limit:.0%}){around(np.concatenate(where))}: "
         "the scan may end there, not the wall; scan the edges too, or fit the member"
     )
-    short = (
-        f"{doubtful:.1%} of the volume may hide beyond short ends of walls that so few points are due on that chance may leave them bare "
-        f"(limit {LIMIT_SHORT:.0%}): scan more densely, or give the sensor position"
-    )
-    return at_most(WALL_ENDS, share, limit, says), at_most(SHORT_ENDS, doubtful, LIMIT_SHORT, short)
+    return at_most(WALL_ENDS, share, limit, says)
 
 
 def stretches(evidence: Evidence) -> tuple[list[Stretch], list[Stretch]]:

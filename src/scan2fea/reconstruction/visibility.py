@@ -95,7 +95,7 @@ def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> 
         blind = _unseen(scan, options, "rejected", why, hidden_points(seen.mesh, cloud.points, h, options.seed))
     except ReconstructionError:
         return seen
-    return seen if failed(blind.checks) else blind
+    return blind if len(failed(blind.checks)) < len(failed(seen.checks)) else seen  # planes may mend what is left
 
 
 def _seen(scan: Scan, options: VisibilityOptions, sensors: FloatArray, spacing_m: float) -> Reconstruction | None:

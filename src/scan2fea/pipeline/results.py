@@ -28,7 +28,7 @@ from scan2fea.pipeline.member_rows import member_row
 from scan2fea.pipeline.part import Made
 from scan2fea.pipeline.scene import Scene
 from scan2fea.segmentation import Selection
-from scan2fea.types import Brep, Check, FEModel, FEResult, Member, Parameter, Segments, TetMesh, TriangleMesh
+from scan2fea.types import Brep, Check, FEModel, FEResult, FloatArray, Member, Parameter, Segments, TetMesh, TriangleMesh
 from scan2fea.verification.limits import limits
 from scan2fea.verification.member import assumed_volume_std
 from scan2fea.verification.verdict import verdict
@@ -174,7 +174,7 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
         "route": made.route.name if made.route is not None else "reconstruction",
         "route_reason": made.route.reason if made.route is not None else "stopped before the route was chosen",
         "n_points": len(made.part.scan.cloud),
-        "size_m": np.ptp(made.part.scan.cloud.points, axis=0),
+        "size_m": np.ptp(_extreme(made, found.name == "converted"), axis=0),
         "sensor": made.sensor,
         "spacing_m": number(made.spacing_m),
         "noise_m": number(made.sigma_m),
@@ -207,6 +207,11 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
         share = f"{made.supported_share:.0%}" if made.supported_share >= 0.01 else "less than 1 %"
         row["reason"] += f"; {share} of the surface was not seen: it rests on a plane that was"
     return dict(finite_tree({key: value for key, value in row.items() if value is not None}))
+
+
+def _extreme(made: Made, is_converted: bool) -> FloatArray:
+    """(n, 3) what the size is taken of: the surface that was converted, else the points; noise and strays are no size of the part."""
+    return made.surface.vertices[np.unique(made.surface.faces)] if is_converted and made.surface is not None else made.part.scan.cloud.points
 
 
 def assumed(member: Member) -> str:

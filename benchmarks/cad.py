@@ -20,6 +20,9 @@ from pathlib import Path
 import gmsh
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
+
+from drawn import triangles
 from scan2fea.cad import true_solid
 from scan2fea.kernel.measures import extent
 from scan2fea.repair import repair
@@ -89,17 +92,9 @@ def meshed(name, edge):
             kinds[kind] = kinds.get(kind, 0) + 1
         held = sum(gmsh.model.occ.getMass(*e) for e in gmsh.model.getEntities(3)) * MM**3
         low, high = np.array(gmsh.model.getBoundingBox(-1, -1)).reshape(2, 3)
-        gmsh.option.setNumber("Mesh.MeshSizeMax", edge or np.linalg.norm(high - low) / 60)
-        gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 24)
-        gmsh.model.mesh.generate(2)
-        tags, xyz, _ = gmsh.model.mesh.getNodes()
-        row = np.zeros(int(tags.max()) + 1, np.int64)
-        row[tags.astype(np.int64)] = np.arange(len(tags))
-        faces = row[gmsh.model.mesh.getElementsByType(2)[1].astype(np.int64).reshape(-1, 3)]
+        mesh = triangles(edge or np.linalg.norm(high - low) / 60, MM)
     finally:
         gmsh.finalize()
-    used, packed = np.unique(faces, return_inverse=True)
-    mesh = TriangleMesh(vertices=xyz.reshape(-1, 3)[used] * MM, faces=packed.reshape(-1, 3).astype(np.int64))
     return repair(mesh).mesh, kinds, held
 
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from scan2fea.errors import EstimationError, InputError, UsageError
-from scan2fea.estimation.explain import outline_distance
 from scan2fea.estimation.member import MemberOptions, fit_member
+from scan2fea.estimation.outline import outline_distance
 from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.sections import section
 from scan2fea.kernel.transforms import random_rotation

@@ -48,15 +48,17 @@ def test_limits_are_inclusive():
     assert not at_most("x", float("nan"), 1.0, "").passed and not at_least("x", float("nan"), 0.0, "").passed
 
 
-@pytest.mark.parametrize(
-    ("noise", "spacing", "bad"), [(0.35, 1.1, []), (0.3501, 1.1, ["noise against wall"]), (0.35, 1.101, ["spacing against wall"])]
-)
-def test_noise_and_spacing_on_the_limit(plate, noise, spacing, bad):
+@pytest.mark.parametrize("limit", [0.35, 0.2])
+@pytest.mark.parametrize(("more", "spacing", "bad"), [(0.0, 1.1, []), (1e-4, 1.1, ["noise against wall"]), (0.0, 1.101, ["spacing against wall"])])
+def test_noise_and_spacing_on_the_limit(plate, limit, more, spacing, bad):
     mesh, points, normals = plate
     wall = 2.0**-7
-    case = evidence_of(mesh, points, normals, thickness_m=np.full(len(points), wall), sigma_m=noise * wall, spacing_m=spacing * wall)
+    sensors = points + normals if limit == 0.35 else None
+    thickness = np.full(len(points), wall)
+    case = evidence_of(mesh, points, normals, thickness_m=thickness, sigma_m=(limit + more) * wall, spacing_m=spacing * wall, sensors=sensors)
     found = failed(resolution(case))
     assert [check.name for check in found] == bad
+    assert all(("sensor position" in check.says) == (limit == 0.2) for check in found if check.name.startswith("noise"))
     for check in found:
         assert "limit" in check.says and "fit the member" in check.says and "7.81 mm" in check.says
 

@@ -79,3 +79,9 @@ def test_size_and_place_change_nothing():
     one, other = of_walls_and_bars(x, cells), of_walls_and_bars(1e-3 * x + 5, cells)
     assert other.figures["area_m2"] == pytest.approx(1e-6 * one.figures["area_m2"]) and other.checks == one.checks
     assert other.figures["length_m"] == pytest.approx(1e-3 * one.figures["length_m"])
+
+
+def test_nodes_of_a_plane_are_refused_by_name(tmp_path):
+    flat = "*NODE\n1, 0., 0.\n2, 1., 0.\n3, 1., 1.\n4, 0., 1.\n*ELEMENT, TYPE=S4, ELSET=E\n1, 1, 2, 3, 4\n"
+    with pytest.raises(FormatError, match="4 lines of NODE hold 12 values: plane nodes are not read"):
+        found(tmp_path, flat + TAIL)

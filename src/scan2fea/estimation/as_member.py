@@ -12,9 +12,10 @@ import numpy as np
 from scan2fea.estimation.along_axis import MemberOptions
 from scan2fea.estimation.cap_law import across
 from scan2fea.estimation.ends import Ends, find_ends
-from scan2fea.estimation.explain import Explanation, outline_distance
+from scan2fea.estimation.explain import Explanation
 from scan2fea.estimation.fit import SectionFit
 from scan2fea.estimation.observability import KERNEL_SPREAD, RESOLVED
+from scan2fea.estimation.outline import outline_distance
 from scan2fea.estimation.swept import Sweep
 from scan2fea.estimation.two_sided import blended
 from scan2fea.kernel.pinned import SEEN, pinned

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scan2fea.estimation.explain import outline_distance
+from scan2fea.estimation.outline import outline_distance
 from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.sections import section, section_area
 from scan2fea.types import FloatArray, Member, Section

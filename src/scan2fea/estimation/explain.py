@@ -23,8 +23,8 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 from scipy.special import chdtr, chdtrc
 
+from scan2fea.estimation.outline import outline_distance
 from scan2fea.estimation.swept import sweep_of_member
-from scan2fea.kernel.jit import jit
 from scan2fea.kernel.noise import noise_sigma, sampled_rows
 from scan2fea.kernel.sections import section
 from scan2fea.types import BoolArray, FloatArray, IntArray, Member, Section, Value
@@ -181,36 +181,6 @@ def _praise(f: Mapping[str, float], member: Member) -> str:
     )
 
 
-def outline_distance(shape: Section, xy: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Signed distance (n,) of points (n, 2) to the outline, negative inside; the nearest edge (n,) over all loops, and how far along it (n,) m."""
-    start = np.ascontiguousarray(np.concatenate(shape.loops), float)
-    way = np.concatenate([np.roll(loop, -1, axis=0) - loop for loop in shape.loops])
-    return _outline_distance(start, way, np.ascontiguousarray(xy, float))
-
-
-@jit
-def _outline_distance(start: FloatArray, way: FloatArray, xy: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
-    n = len(xy)
-    distance, edge, along = np.empty(n), np.zeros(n, np.int64), np.zeros(n)
-    square = way[:, 0] ** 2 + way[:, 1] ** 2
-    for i in range(n):
-        x, y = xy[i, 0], xy[i, 1]
-        best, at, share, odd = np.inf, 0, 0.0, False
-        for e in range(len(start)):
-            dx, dy = x - start[e, 0], y - start[e, 1]
-            t = min(max((dx * way[e, 0] + dy * way[e, 1]) / square[e], 0.0), 1.0)
-            ex, ey = dx - t * way[e, 0], dy - t * way[e, 1]
-            d = ex * ex + ey * ey
-            if d < best:
-                best, at, share = d, e, t
-            up = way[e, 1]
-            if up != 0.0 and (start[e, 1] > y) != (start[e, 1] + up > y) and dx < dy * way[e, 0] / up:
-                odd = not odd
-        distance[i] = -math.sqrt(best) if odd else math.sqrt(best)
-        edge[i], along[i] = at, share * math.sqrt(square[at])
-    return distance, edge, along
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Surface:
     """Per point: signed distance to the solid's surface, nearest edge and place along it, height; whether an end plane is nearer than the sides."""
@@ -259,13 +229,13 @@ def _stretch_of(shape: Section, edge: IntArray, along: FloatArray) -> IntArray:
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Clutter:
     """Strays that lie by chance within reach of the outline, where they pass for its points: per draw the nearest edge, the place along it, and the
-    distance; number : how many there are among the points.
+    distance.   each : points of the cloud for which one draw stands.
     """
 
     edge: IntArray
     along: FloatArray
     distance: FloatArray
-    number: float
+    each: float
 
     @classmethod
     def of(cls, shape: Section, xy: FloatArray, n_strays: int, reach: float, seed: int) -> _Clutter:
@@ -274,7 +244,7 @@ class _Clutter:
         low, high = (xy.min(axis=0), xy.max(axis=0)) if len(xy) else (np.zeros(2), np.zeros(2))
         distance, edge, along = outline_distance(shape, rng.uniform(low, high, (_STRAY_DRAWS, 2)))
         near = np.abs(distance) <= reach
-        return cls(edge=edge[near], along=along[near], distance=distance[near], number=n_strays * float(near.sum()) / max(int((~near).sum()), 1))
+        return cls(edge=edge[near], along=along[near], distance=distance[near], each=n_strays / max(int((~near).sum()), 1))
 
 
 def _cells(
@@ -303,7 +273,10 @@ def _cells(
     square = np.bincount(cell, distance**2, minlength=len(n))
     mean = total / np.maximum(n, 1)
     var = np.maximum(square / np.maximum(n, 1) - mean**2, 0.0) * n / np.maximum(n - 1, 1)
-    expected = _expected(shape, stretch, sigma, n_stretch, clutter, seed) if again is None else _of_drawn(shape, again, n_stretch, clutter)
+    if again is None:
+        expected = _expected(shape, stretch, sigma, n_stretch, clutter, seed)
+    else:
+        expected = _among_strays(shape, again, np.full(len(again), 1 / AGAIN), n_stretch, clutter)
     away = mean - np.repeat(expected, n_z)
     good = n >= _CELL_POINTS
     if not good.any():
@@ -313,9 +286,7 @@ def _cells(
     tolerance = max(TOLERANCE * size, allowed * sigma)
     off = (z2 > _SE**2) & (np.abs(away[good]) > tolerance)
     pattern = math.sqrt(max(float((n[good] * (away[good] ** 2 - se2)).sum() / n[good].sum()), 0.0))
-    return _Cells(
-        off_share=float(n[good][off].sum() / n[good].sum()), pattern_m=pattern, p_value=float(chdtrc(len(z2), z2.sum())), n=int(good.sum())
-    )
+    return _Cells(off_share=float(n[good][off].sum() / n[good].sum()), pattern_m=pattern, p_value=float(chdtrc(len(z2), z2.sum())), n=int(good.sum()))
 
 
 def _expected(shape: Section, stretch: IntArray, sigma: float, n_stretch: int, clutter: _Clutter, seed: int) -> FloatArray:
@@ -331,23 +302,17 @@ def _expected(shape: Section, stretch: IntArray, sigma: float, n_stretch: int, c
     edge = rng.choice(len(lengths), n, p=lengths / lengths.sum())
     t = rng.random(n)
     true = _stretch_of(shape, edge, t * lengths[edge])
-    each = clutter.number / max(len(clutter.edge), 1)  # points for which one drawn stray stands
-    strays = np.bincount(_stretch_of(shape, clutter.edge, clutter.along), minlength=n_stretch) * each
+    strays = np.bincount(_stretch_of(shape, clutter.edge, clutter.along), minlength=n_stretch) * clutter.each
     own = np.maximum(np.bincount(stretch, minlength=n_stretch) - strays, 0.0)
     weight = own / np.maximum(np.bincount(true, minlength=n_stretch), 1)
-    xy = start[edge] + t[:, None] * way[edge] + sigma * rng.standard_normal((n, 2))
+    return _among_strays(shape, start[edge] + t[:, None] * way[edge] + sigma * rng.standard_normal((n, 2)), weight[true], n_stretch, clutter)
+
+
+def _among_strays(shape: Section, xy: FloatArray, weight: FloatArray, n_stretch: int, clutter: _Clutter) -> FloatArray:
+    """(n_stretch,) mean distance that points (m, 2) of the model show in each stretch. weight : (m,) points for which each stands."""
     distance, edge, along = outline_distance(shape, xy)
     shown = np.r_[_stretch_of(shape, edge, along), _stretch_of(shape, clutter.edge, clutter.along)]
-    w = np.r_[weight[true], np.full(len(clutter.edge), each)]
-    mass = np.bincount(shown, w, minlength=n_stretch)
-    return np.asarray(np.bincount(shown, w * np.r_[distance, clutter.distance], minlength=n_stretch) / np.maximum(mass, 1e-300))
-
-
-def _of_drawn(shape: Section, again: FloatArray, n_stretch: int, clutter: _Clutter) -> FloatArray:
-    """(n_stretch,) the same of points (m, 2) that rays would measure on the model, a number of times each as often as the data did."""
-    distance, edge, along = outline_distance(shape, again)
-    shown = np.r_[_stretch_of(shape, edge, along), _stretch_of(shape, clutter.edge, clutter.along)]
-    w = np.r_[np.full(len(again), 1 / AGAIN), np.full(len(clutter.edge), clutter.number / max(len(clutter.edge), 1))]
+    w = np.r_[weight, np.full(len(clutter.edge), clutter.each)]
     mass = np.bincount(shown, w, minlength=n_stretch)
     return np.asarray(np.bincount(shown, w * np.r_[distance, clutter.distance], minlength=n_stretch) / np.maximum(mass, 1e-300))
 
@@ -414,4 +379,3 @@ def _face(s: FloatArray, z: FloatArray, width: float, length: float, expected: f
         if inside.sum() * float(counts[around].mean()) > VOID_POINTS and inside.sum() >= VOID_CELLS:
             holes += 1
     return share, holes
-

@@ -10,8 +10,9 @@ import numpy as np
 
 from scan2fea.errors import EstimationError, UsageError
 from scan2fea.estimation.anneal import walls
-from scan2fea.estimation.explain import Explanation, explanation, outline_distance
+from scan2fea.estimation.explain import Explanation, explanation
 from scan2fea.estimation.given import Given, compared, joint_p_value, told_by
+from scan2fea.estimation.outline import outline_distance
 from scan2fea.estimation.ray_likelihood import RayOptions, fit_rays
 from scan2fea.estimation.ray_voids import told_by_rays
 from scan2fea.estimation.swept import sweep_of_member

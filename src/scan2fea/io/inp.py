@@ -47,6 +47,8 @@ def read_inp(path: Path, size: int) -> Blocks:
             raise FormatError(f"{path} includes {name} (card *{word.decode().upper()}){there}: give the deck as one file")
         if word == b"NODE":
             nodes.append(_numbers(path, data, 4, "NODE"))
+            lines = sum(bool(line.strip(b" ,\t")) for line in data.split(b"\n"))
+            require(lines == len(nodes[-1]), FormatError, f"{path}: {lines} lines of NODE hold {4 * len(nodes[-1])} values: plane nodes are not read")
         else:
             kind = re.search(rb"TYPE\s*=\s*(\w+)", options, re.IGNORECASE)
             name = kind.group(1).decode().upper() if kind else "(none)"

@@ -16,6 +16,7 @@ from scan2fea.reconstruction.outside import Flood
 from scan2fea.types import Check, FloatArray, TriangleMesh
 
 NOISE_OVER_WALL = 0.35  # above, the two faces of a wall mix: volume and thickness go wrong
+NOISE_UNSIDED = 0.2  # the same where no sensor says on which face a point lies: then points between the faces no longer tell where a wall ends
 SPACING_OVER_WALL = 1.1
 RIM_NOISE = 0.05  # of the volume that noise adds at rims, foretold: a simulated scan foretold 7.6 % was 8.9 % off
 RIM_SPACING = 0.05  # of the volume that the spacing cuts off at rims
@@ -37,12 +38,13 @@ def resolution(evidence: Evidence) -> tuple[Check, ...]:
     if not math.isfinite(wall):
         return ()
     noise, spacing = evidence.sigma_m, evidence.spacing_m
+    limit, instead = (NOISE_UNSIDED, "give the sensor position, scan") if evidence.sensors is None else (NOISE_OVER_WALL, "scan")
     return (
         at_most(
             "noise against wall",
             noise / wall,
-            NOISE_OVER_WALL,
-            f"noise {mm(noise)} against a wall of {mm(wall)}: limit {NOISE_OVER_WALL} x wall; scan with less noise, or fit the member",
+            limit,
+            f"noise {mm(noise)} against a wall of {mm(wall)}: limit {limit} x wall; {instead} with less noise, or fit the member",
         ),
         at_most(
             "spacing against wall",

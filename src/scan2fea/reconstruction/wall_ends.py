@@ -44,7 +44,7 @@ WHOLE_END = 0.5  # of the area in that plane: with more of it unseen the part ma
 class Stretch(Value):
     """Faces that lead across a wall with no point between.   faces : (k,).   wall_m : thickness.   length_m : along the end.   due : points.
 
-    slack_m : (k,) distance beyond each face at which a sight line passes, inf: none.   is_told : chance does not leave so long an end without points.
+    slack_m : (k,) distance beyond each face at which a sight line passes, inf: none.
     """
 
     faces: IntArray
@@ -52,7 +52,6 @@ class Stretch(Value):
     length_m: float
     due: float
     slack_m: FloatArray
-    is_told: bool
 
 
 def wall_ends(evidence: Evidence, limit: float = LIMIT) -> Check:
@@ -66,12 +65,10 @@ def wall_ends(evidence: Evidence, limit: float = LIMIT) -> Check:
     hidden, where = 0.0, [np.zeros((0, 3))]
     unproved, every = stretches(evidence)
     for stretch in every:
-        ends = np.isfinite(stretch.slack_m) & stretch.is_told
+        ends = np.isfinite(stretch.slack_m)
         hidden += float(areas[stretch.faces[ends]] @ stretch.slack_m[ends])
         where.append(mesh.vertices[mesh.faces[stretch.faces[ends]]].mean(axis=1))
     for stretch in unproved:
-        if not stretch.is_told:
-            continue
         endless = _ends_part(stretch, mesh, normals, areas, stretch.wall_m + JOINED * evidence.spacing_m)
         hidden += math.inf if endless else stretch.wall_m * stretch.length_m**2 / math.pi
         where.append(mesh.vertices[mesh.faces[stretch.faces]].mean(axis=1))
@@ -84,7 +81,7 @@ def wall_ends(evidence: Evidence, limit: float = LIMIT) -> Check:
 
 
 def stretches(evidence: Evidence) -> tuple[list[Stretch], list[Stretch]]:
-    """Ends of walls that were due NEIGHBOURING points and have none: those beyond which no sight line passes, and all."""
+    """Ends of walls that were due EXPECTED points and have none: those beyond which no sight line passes, and all."""
     mesh, wall = evidence.mesh, wall_m(evidence)
     corner = k_nearest(evidence.smoothed, 1, mesh.vertices)[1][:, 0][mesh.faces]
     normal = evidence.normals[corner]
@@ -117,7 +114,7 @@ def _skin(evidence: Evidence, wall: float) -> float:
 
 
 def _gathered(evidence: Evidence, bare: IntArray, due: FloatArray, thick: FloatArray, slack: FloatArray) -> list[Stretch]:
-    """Bare faces in stretches of which one piece was due NEIGHBOURING points. due, slack : (m,) of all faces.   thick : (m, 3) wall at corners."""
+    """Bare faces in stretches of which one piece was due EXPECTED points. due, slack : (m,) of all faces.   thick : (m, 3) wall at corners."""
     mesh = evidence.mesh
     pieces = [piece for piece in _joined(mesh.faces, bare) if due[piece].sum() >= NEIGHBOURING]
     if not pieces:
@@ -127,14 +124,13 @@ def _gathered(evidence: Evidence, bare: IntArray, due: FloatArray, thick: FloatA
     out = []
     for number in np.unique(group):
         own = [piece for piece, its in zip(pieces, group, strict=True) if its == number]
-        is_told = max(float(due[piece].sum()) for piece in own) >= EXPECTED
-        for faces in [np.concatenate(own)] if is_told else own:  # what chance may have left bare here and there is no one stretch
-            known = thick[faces][np.isfinite(thick[faces])]
-            across_m = max(float(np.median(known)) if len(known) else 0.0, evidence.spacing_m)
-            length = float(face_areas(mesh)[faces].sum()) / across_m
-            out.append(
-                Stretch(faces=faces, wall_m=across_m, length_m=length, due=float(due[faces].sum()), slack_m=slack[faces], is_told=is_told)
-            )
+        if max(due[piece].sum() for piece in own) < EXPECTED:
+            continue
+        faces = np.concatenate(own)
+        known = thick[faces][np.isfinite(thick[faces])]
+        across_m = max(float(np.median(known)) if len(known) else 0.0, evidence.spacing_m)
+        length = float(face_areas(mesh)[faces].sum()) / across_m
+        out.append(Stretch(faces=faces, wall_m=across_m, length_m=length, due=float(due[faces].sum()), slack_m=slack[faces]))
     return out
 
 

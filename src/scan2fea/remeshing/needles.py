@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from scan2fea.kernel.measures import face_normals
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.topology import degenerate_faces, edge_table
-from scan2fea.types import FloatArray, IntArray, TriangleMesh
+from scan2fea.types import IntArray, TriangleMesh
 
 SHORT = 0.15  # of the median edge
 MAX_TRIES = 60
@@ -69,22 +70,19 @@ def _collapsed(mesh: TriangleMesh, gone: int, stays: int) -> TriangleMesh | None
         return None  # besides the two ends others than the two tips of the edge's faces: the surface would be pinched
     faces: IntArray = np.where(mesh.faces == gone, stays, mesh.faces)
     kept = ~(around & (mesh.faces == stays).any(axis=1))
-    before, after = mesh.vertices[mesh.faces[around & kept]], mesh.vertices[faces[around & kept]]
+    changed = around & kept
+    before, after = (TriangleMesh(vertices=mesh.vertices, faces=rows[changed]) for rows in (mesh.faces, faces))
     corners = mesh.vertices[mesh.faces]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    whole = longest[around & kept] > CRUMB * np.median(longest[kept])  # crumbs of a tangle may turn as they like
-    turned = np.einsum("ij,ij->i", _normals(before), _normals(after))[whole]
-    if degenerate_faces(mesh.vertices, faces[around & kept]).any() or (turned <= SAME_SIDE).any():
+    whole = longest[changed] > CRUMB * np.median(longest[kept])  # crumbs of a tangle may turn as they like
+    turned = np.einsum("ij,ij->i", face_normals(before), face_normals(after))[whole]
+    if degenerate_faces(mesh.vertices, after.faces).any() or (turned <= SAME_SIDE).any():
         return None
-    low, high = after.min(axis=(0, 1)), after.max(axis=(0, 1))
+    moved = mesh.vertices[after.faces]
+    low, high = moved.min(axis=(0, 1)), moved.max(axis=(0, 1))
     near = kept & (corners.max(axis=1) >= low).all(axis=1) & (corners.min(axis=1) <= high).all(axis=1)  # only faces that changed can cross
-    if len(self_intersections(TriangleMesh(vertices=mesh.vertices, faces=faces[near | (around & kept)]))):
+    if len(self_intersections(TriangleMesh(vertices=mesh.vertices, faces=faces[near | changed]))):
         return None
     region = None if mesh.face_region is None else mesh.face_region[kept]
     packed = faces[kept] - (faces[kept] > gone)
     return replace(mesh, vertices=np.delete(mesh.vertices, gone, axis=0), faces=packed, face_region=region, face_origin=None, deviation_m=None)
-
-
-def _normals(triangles: FloatArray) -> FloatArray:
-    across = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    return np.asarray(across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), np.finfo(float).tiny))

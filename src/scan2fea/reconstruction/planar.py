@@ -19,10 +19,12 @@ from scan2fea.kernel.measures import volume
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.topology import surface_topology
+from scan2fea.reconstruction.blurred_faces import placed
 from scan2fea.reconstruction.flat_solid import flat_solid
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.gates_planar import gates_planar
 from scan2fea.reconstruction.plane_growing import MOST_PLANES, Planes, grow_planes
+from scan2fea.reconstruction.regular import EXACT
 from scan2fea.reconstruction.strips import with_strips
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
 from scan2fea.types import BoolArray, FloatArray, Scan, TriangleMesh, Value
@@ -34,6 +36,7 @@ REACH = 2.5  # spacings that a plane reaches beyond its points, besides the nois
 MARGIN = 0.05  # of the size: the box round everything
 PROBES = 24  # places in a cell at which the first surface is asked
 BARE_PRICE = 0.5  # spacings: what a square metre of boundary without points costs against a cubic metre on the wrong side
+PLACED = 2  # times that the planes are placed again by the faces they bound
 FULL = 0.5  # points per square spacing that back a facet fully
 
 
@@ -92,13 +95,24 @@ def flat_form(points: FloatArray, first: Reconstruction, seed: int = 0) -> FlatF
         ReconstructionError,
         f"the points would need {len(planes)} planes (4 to {MOST_PLANES}): they are no solid of flat faces",
     )
+    mesh, n_cells = _closed(points, planes, first, seed)
+    is_blurred = sigma > EXACT and first.source != "ranges"  # a range camera's noise lies along its rays: faces are not blurred alike all round
+    for _ in range(PLACED if is_blurred else 0):
+        planes = placed(points, first.normals, mesh, planes, sigma)
+        mesh, n_cells = _closed(points, planes, first, seed)
+    return FlatForm(mesh=mesh, planes=planes, n_cells=n_cells)
+
+
+def _closed(points: FloatArray, planes: Planes, first: Reconstruction, seed: int) -> tuple[TriangleMesh, int]:
+    """The solid between the planes, and the number of cells they cut. Raises ReconstructionError where it is no clean one."""
+    h, sigma = first.spacing_m, first.sigma_m
     cells, count = arranged(points, planes, h, sigma)
     mesh = flat_solid(cells, _inside(cells, count, first.mesh, h, seed), planes.normal)
     topology = surface_topology(mesh)
     require(topology.is_clean, ReconstructionError, "the planes meet in edges or corners where the solid only touches itself")
     require(topology.n_components == 1, ReconstructionError, f"the planes enclose {topology.n_components} shells")
     require(not len(self_intersections(mesh)), ReconstructionError, "flat faces cross: their planes nearly coincide")
-    return FlatForm(mesh=mesh, planes=planes, n_cells=cells.n_cells)
+    return mesh, cells.n_cells
 
 
 def arranged(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: float) -> tuple[Cells, FloatArray]:

@@ -30,7 +30,7 @@ MENU = {
     "Begin": ("index", "start", "gallery", "report", "sensors", "limits"),
     "Reference": ("commands", "options", "changelog"),
     "Theory": (
-        "acquisition", "fusion", "registration", "filtering", "segmentation", "kinds", "estimation", "reconstruction", "meshing", "cad", "fea",
+        "theory", "acquisition", "fusion", "registration", "filtering", "segmentation", "kinds", "estimation", "reconstruction", "meshing", "cad", "fea",
         "simulation", "thesis",
     ),
     "The code": ("design", "contributing"),

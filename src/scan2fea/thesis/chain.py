@@ -18,15 +18,17 @@ from scan2fea.kernel.quality import tet_dihedrals
 from scan2fea.kernel.relaxation import Relaxed
 from scan2fea.reconstruction.advancing_front import front
 from scan2fea.reconstruction.ball_pivoting import PivotOptions, pivoted
+from scan2fea.reconstruction.denoise import denoise
+from scan2fea.reconstruction.outside import OutsideOptions, floods, prepare
 from scan2fea.reconstruction.scale_space import smoothed, smoothing_radius
-from scan2fea.reconstruction.visibility import VisibilityOptions, visibility
+from scan2fea.reconstruction.winding import fitted, polish
 from scan2fea.remeshing.lloyd import lloyd
 from scan2fea.remeshing.odt import odt
 from scan2fea.repair.clean import oriented, split_fans, without_duplicates, without_flat_faces, without_unused
 from scan2fea.repair.holes import filled_free
 from scan2fea.tetmeshing import FillOptions, fill
 from scan2fea.tetmeshing.optimise import OptimiseOptions, optimised
-from scan2fea.types import FloatArray, IntArray, PointCloud, Scan, TriangleMesh, Value
+from scan2fea.types import FloatArray, IntArray, TriangleMesh, Value
 
 STEPS = ("first", "patched", "lloyd", "odt", "perturb", "exude")
 TET_GROWTH = 0.4
@@ -70,9 +72,10 @@ def advancing_front_mesh(points: FloatArray, seed: int = 0) -> TriangleMesh:
 
 def outward(points: FloatArray, seed: int = 0) -> FloatArray:
     """(n, 3) outward normals, which the pivoting ball needs. Raises ReconstructionError."""
-    found = visibility(Scan(cloud=PointCloud.of(points)), VisibilityOptions(use_sensors=False, seed=seed))
-    require(len(found.normals) == len(points), ReconstructionError, "normals of some points are missing: the cloud has equal points")
-    return found.normals
+    setting = prepare(points, seed)
+    first = next(floods(setting, OutsideOptions(seed=seed)))  # the likeliest answer; no surface is cut and no gate asked
+    normals, sigma = fitted(points, polish(points, first.signed, setting.spacing_m), setting.spacing_m)
+    return denoise(points, normals, setting.spacing_m, sigma).normals
 
 
 def scale_space_mesh(points: FloatArray, normals: FloatArray, scale: int, seed: int = 0, *, at_scale: bool = False) -> TriangleMesh:

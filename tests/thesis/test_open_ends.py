@@ -8,7 +8,7 @@ import pytest
 from scan2fea.pipeline.requires import conditions
 from scan2fea.thesis import ThesisOptions
 from scan2fea.thesis.bench import Bench
-from scan2fea.thesis.conclusion import theory, true_member
+from scan2fea.thesis.conclusion import theory, true_member, wall_bound
 from scan2fea.thesis.hypotheses import FREE_M, VIEWS, WALL_M, Trial, free_trial, limits, scale_limits, seen_points, specimen
 
 
@@ -22,6 +22,19 @@ def test_the_true_beam_bends_as_its_closed_form_says(bench):
     assert theory(bench)["bend_x tip_x_m"] / 100 == pytest.approx(2.92e-5, rel=0.015)
     assert theory(bench)["mass mass_kg"] == pytest.approx(37.63, abs=0.01)
     assert true_member().values() == {"a": 0.127, "b": 0.127, "t": 0.00635, "length": 3.048}
+
+
+def test_no_method_tells_a_wall_better_than_its_bound():
+    # the information of one point about t, of two faces t apart under a normal law of known sigma, by quadrature
+    sigma, x = 6.7e-3, np.linspace(-0.06, 0.06, 20_001)
+
+    def density(t):
+        return sum(np.exp(-0.5 * ((x - m) / sigma) ** 2) for m in (-t / 2, t / 2)) / (2 * sigma * np.sqrt(2 * np.pi))
+
+    for t, rel in ((1e-3, 0.01), (WALL_M, 0.04)):
+        slope = (density(1.001 * t) - density(0.999 * t)) / (0.002 * t)
+        information = np.trapezoid(slope**2 / density(t), x)
+        assert wall_bound(t, sigma, 15_000) == pytest.approx((15_000 * information) ** -0.5, rel=rel)
 
 
 def test_views_hide_what_they_say(bench):

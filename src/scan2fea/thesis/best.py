@@ -38,6 +38,12 @@ CASES: Mapping[str, str] = {
 }
 # of each cloud of the thesis: the cases that stand as "best route" in its tables
 OF_CLOUD: Mapping[str, tuple[str, ...]] = {"zero": ("zero",), "noise": ("noise", "blind"), "hdl": ("hdl_known", "hdl")}
+# what the pipeline is told beyond the scan
+GIVEN: Mapping[str, str] = {
+    "zero": "nothing", "noise": "law and size of the noise, as 3.3.2 states them; nothing of the section", "blind": "nothing",
+    "uniform": "law and size of the noise; nothing of the section", "sigma": "law and size of the noise; nothing of the section",
+    "known": "the section, as 3.3.9 assumes it", "hdl_known": "poses, and the section, as 3.3.9 assumes it", "hdl": "poses",
+}  # fmt: skip
 KNOWN = ("known", "hdl_known")
 # law and standard deviation of the noise (m) where the pipeline is told them
 STATED: Mapping[str, tuple[str, float]] = {

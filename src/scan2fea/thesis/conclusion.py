@@ -19,7 +19,7 @@ from scan2fea.report.render import Shape, render
 from scan2fea.simulation.lab17 import lab17
 from scan2fea.tetmeshing import layered
 from scan2fea.thesis.bench import Bench, ThesisOptions
-from scan2fea.thesis.best import CASES, OF_CLOUD, Best, best
+from scan2fea.thesis.best import CASES, GIVEN, OF_CLOUD, STATED, Best, best
 from scan2fea.thesis.canvas import tiles
 from scan2fea.thesis.clouds import BEAM, beam_points, treated
 from scan2fea.thesis.experiment import Cell, Made, Table
@@ -68,8 +68,9 @@ def dimensions(bench: Bench) -> Made:
             rows.append((CASES[case], name, *cells))
         ratio = None if found.volume_m3 is None else found.volume_m3 / volume
         told = "" if ratio is None else f", volume {ratio:.4f} of the true one"
-        says.append(f"{CASES[case]}: {'converted' if found.converted else 'failed'}{told}: {found.reason}.")
-        says += _posterior(found)
+        verdict = "converted" if found.converted else "failed"
+        says.append(f"{CASES[case]}: {verdict}{told}: {found.reason}. Given beyond the scan: {GIVEN[case]}.")
+        says += [*_posterior(found), *_bound(found)]
     says.append("The best route is given noisy points that lie evenly at random: on the lab's grid a narrow toe has more than its share of them.")
     head = ("data set", "dimension", "true, mm", "found, mm", "standard deviation, mm", "told by the data", "error in standard deviations")
     return Made(table=Table(head=head, rows=tuple(rows)), says=tuple(says))
@@ -83,6 +84,25 @@ def _posterior(found: Best) -> list[str]:
         return []
     likeliest = "; ".join(f"{e['name']} {100 * e['probability']:.0f} %" for e in entries[:3])
     return [f"{CASES[found.case]}: not told by the points: {', '.join(hidden)}; the catalogue's posterior: {likeliest}."]
+
+
+def wall_bound(wall_m: float, sigma_m: float, n: int) -> float:
+    """Standard deviation (m) below which no method tells a wall under wider Gaussian noise of known size, from n points (Cramer-Rao, t << sigma).
+
+    Both faces together are one hump of variance v = sigma^2 + t^2 / 4; n points tell v to v sqrt(2 / n), and dt = 2 dv / t.
+    """
+    return 2 * (sigma_m**2 + wall_m**2 / 4) * (2 / n) ** 0.5 / wall_m
+
+
+def _bound(found: Best) -> list[str]:
+    """What the points can tell of the wall at best, where Gaussian noise is stated and wider than it."""
+    n, wall = int(found.row.get("n_points") or 0), stated("beam_thickness_m")
+    law, sigma = STATED.get(found.case, ("", 0.0))
+    if law != "gaussian" or n == 0 or sigma < wall:
+        return []
+    least = wall_bound(wall, sigma, n)
+    at_best = f"the wall of {1e3 * wall:.2f} mm to {1e3 * least:.2f} mm at best ({100 * least / wall:.0f} %, one standard deviation)"
+    return [f"{CASES[found.case]}: {n:,} points under noise of {1e3 * sigma:.1f} mm, known exactly, tell {at_best}, whatever the method."]
 
 
 def four_pictures(case: str) -> Callable[[Bench], Made]:

@@ -15,7 +15,7 @@ from multiprocessing import get_context
 from typing import Any, TypeVar
 
 from scan2fea.errors import Scan2FeaError, StageError
-from scan2fea.thesis import hypotheses
+from scan2fea.thesis import hypotheses, unposed
 from scan2fea.thesis.bench import Bench
 from scan2fea.thesis.best import best
 from scan2fea.thesis.clouds import beam_points, hdl_scans, lab_scan, treated
@@ -29,6 +29,7 @@ KINDS: Mapping[str, Callable[..., object]] = {
     "lab": lambda bench, *_: lab_scan(bench),
     "hdl": lambda bench, every: hdl_scans(bench, int(every)),
     "treated": treated,
+    "unposed": lambda bench, every: unposed.way(bench, int(every)),
     "normals": lambda bench, case: normals_of(bench, case),
     "beam": beam_points,
     "best": best,

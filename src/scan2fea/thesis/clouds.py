@@ -22,6 +22,7 @@ from scan2fea.segmentation import SegmentationOptions
 from scan2fea.segmentation.euclidean import euclidean
 from scan2fea.simulation.lab17 import SPACING_M, lab17
 from scan2fea.simulation.sampling import SamplingOptions, sampled
+from scan2fea.simulation.scene_file import SceneFile
 from scan2fea.simulation.scene_names import lab_file
 from scan2fea.simulation.shape_kinds import KINDS
 from scan2fea.simulation.solids import Scene, Solid
@@ -39,6 +40,7 @@ RADIUS_M = stated("cluster_radius_in") * METRES_PER_INCH
 SIGMA_M = stated("noise_m") / 3
 QUICK_LENGTH_M = 0.25
 SCAN_S = stated("frames_joined") / 20.0  # 100 sweeps at 20 Hz
+HDL = "hdl32e"
 CASES = ("zero", "noise", "hdl")
 
 
@@ -83,14 +85,15 @@ def lab_scan(bench: Bench, noise_m: float = 0.0, law: str = "gaussian", method: 
 
 def hdl_scans(bench: Bench, every: int) -> tuple[Scan, ...]:
     """The sweeps of an HDL-32E moved past the lab in 5 s (100 sweeps) on a table of fixed height, one in `every`; in the frame of the lab."""
+    return bench.kept("hdl", lambda: tuple(scan for _, scan in scanned(hdl_sensor(bench, every), bench.options.seed)), every)
 
-    def make() -> tuple[Scan, ...]:
-        given = with_sensor(lab_file(bench.options.seed), "hdl32e")
-        sensor = given.sensors[0]
-        changed = dataclasses.replace(sensor, options=dataclasses.replace(sensor.options, keep_every=every, times_s=(0.0, SCAN_S)))
-        return tuple(scan for _, scan in scanned(dataclasses.replace(given, sensors=(changed,)), bench.options.seed))
 
-    return bench.kept("hdl", make, every)
+def hdl_sensor(bench: Bench, every: int) -> SceneFile:
+    """The lab with the sensor of `hdl_scans`."""
+    given = with_sensor(lab_file(bench.options.seed), HDL)
+    sensor = given.sensors[0]
+    changed = dataclasses.replace(sensor, options=dataclasses.replace(sensor.options, keep_every=every, times_s=(0.0, SCAN_S)))
+    return dataclasses.replace(given, sensors=(changed,))
 
 
 def joined_points(scans: tuple[Scan, ...]) -> tuple[FloatArray, IntArray]:

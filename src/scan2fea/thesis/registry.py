@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from scan2fea.errors import UsageError, require
-from scan2fea.thesis import approach, background, blanks, conclusion, drawings, hypotheses, results, segments
+from scan2fea.thesis import approach, background, blanks, conclusion, drawings, hypotheses, results, segments, unposed
 from scan2fea.thesis.bench import ThesisOptions
 from scan2fea.thesis.best import CASES, OF_CLOUD, shown
 from scan2fea.thesis.experiment import Chore, Experiment
@@ -117,6 +117,7 @@ def _all() -> Iterable[Experiment]:
     yield _table("T4.4", "noise")
     yield one(id="F4.36", section="4.3", title="One LiDAR frame", make=segments.one_frame, needs=sweeps)
     yield one(id="F4.37", section="4.3", title="LiDAR frames joined", make=segments.joined, needs=sweeps)
+    yield one(id="S4.3", section="4.3", title="LiDAR frames joined without poses", make=unposed.without_poses, needs=unposed.chores)
     yield one(id="F4.38", section="4.3", title="LiDAR frames filtered and thinned", make=segments.filtered_cloud("hdl"), needs=hdl)
     yield one(id="F4.39", section="4.3.1", title="The beam's cluster", make=segments.hdl_clusters, needs=hdl)
     yield from _meshes("hdl", 3, {k: v for k, v in _HDL.items() if k <= 42})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -91,7 +92,7 @@ def wall_bound(wall_m: float, sigma_m: float, n: int) -> float:
 
     Both faces together are one hump of variance v = sigma^2 + t^2 / 4; n points tell v to v sqrt(2 / n), and dt = 2 dv / t.
     """
-    return 2 * (sigma_m**2 + wall_m**2 / 4) * (2 / n) ** 0.5 / wall_m
+    return 2 * (sigma_m**2 + wall_m**2 / 4) * math.sqrt(2 / n) / wall_m
 
 
 def _bound(found: Best) -> list[str]:

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from scan2fea.errors import InputError, UsageError
+from scan2fea.kernel.voxel_parts import cells_by_parts
 from scan2fea.kernel.voxels import VoxelStream, voxel_mean
 
 
@@ -91,3 +92,18 @@ def test_refuses_an_edge(edge):
 def test_refuses_a_coordinate(value):
     with pytest.raises(InputError, match="larger voxels"):
         voxel_mean(np.array([[0.0, value, 0.0]]), 1.0)
+
+
+@pytest.mark.parametrize("edge, n", [(0.002, 140_000), (0.3, 140_000), (1e3, 140_000), (0.05, 40_000), (0.05, 1)])
+def test_by_parts_gives_the_bytes_of_the_stream(edge, n):
+    """From own cells for most rows to eight cells for all, at the numbers of rows where parts begin to be."""
+    points = np.random.default_rng(6).normal(size=(n, 3)) - 1e3 * (edge > 1)
+    stream = VoxelStream(edge)
+    cells = stream.add(points)
+    expected = (cells, stream.mean(), stream.first_row(), stream.count())
+    for a, b in zip(cells_by_parts(points, edge), expected, strict=True):
+        assert a.dtype == b.dtype and a.tobytes() == b.tobytes()
+    if n >= 2**17:
+        batch = voxel_mean(points, edge)
+        for a, b in zip((batch.cell_of_point, batch.mean, batch.first_row, batch.count), expected, strict=True):
+            assert a.tobytes() == b.tobytes()

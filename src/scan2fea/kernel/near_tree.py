@@ -6,6 +6,7 @@ Queries that lie together share the walk down the tree, and both clouds are stor
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,6 +53,14 @@ def nearest_of_leaves(tree: NearTree, queries: NearTree, k: int, first: int, las
     rows = queries.order[part]
     distance, near = _nearest(tree.order, tree.xyz, tree.boxes, tree.levels, queries.xyz, queries.boxes, queries.levels, k, first, last)
     return rows, distance, near
+
+
+def nearest_of(tree: NearTree, queries: FloatArray, reach_m: float = math.inf) -> tuple[FloatArray, IntArray]:
+    """Distance (n,) and row (n,) of the point nearest to each query (n, 3); inf and -1 where none is nearer than `reach_m`.
+
+    For few queries, or such as lie apart; leaf by leaf (`nearest_of_leaves`) is faster for many.
+    """
+    return _one_by_one(tree.order, tree.xyz, tree.boxes, tree.levels, np.ascontiguousarray(queries, float), reach_m)
 
 
 @jit_ieee
@@ -114,6 +123,60 @@ def box_gap(boxes: FloatArray, p: int, others: FloatArray, q: int) -> float:
 
 
 @jit_ieee
+def nearest_two(
+    order: IntArray, xyz: FloatArray, boxes: FloatArray, levels: int, x: float, y: float, z: float, limit: float, stack: IntArray, gaps: FloatArray
+) -> tuple[int, float, float]:
+    """Place in `xyz` of the point nearest to (x, y, z), its squared distance, that of the second; -1 and `limit` for what is not nearer than that.
+
+    limit : squared.   stack, gaps : (levels + 2,) room for the walk. Equally far: the lower row.
+    """
+    place, first, second = -1, limit, limit
+    leaf0 = (1 << levels) - 1
+    stack[0], gaps[0], top = 0, 0.0, 1
+    while top > 0:
+        top -= 1
+        node = stack[top]
+        if gaps[top] > second:
+            continue
+        while node < leaf0:
+            node = 2 * node + 1
+            gap, other = point_gap(boxes, node, x, y, z), point_gap(boxes, node + 1, x, y, z)
+            if other < gap:
+                stack[top], gaps[top], node = node, gap, node + 1
+            else:
+                stack[top], gaps[top] = node + 1, other
+            top += 1
+        for p in range((len(xyz) * (node - leaf0)) >> levels, (len(xyz) * (node - leaf0 + 1)) >> levels):
+            u, v, w = xyz[p, 0] - x, xyz[p, 1] - y, xyz[p, 2] - z
+            d = u * u + v * v + w * w
+            if d < first or (place >= 0 and d == first and order[p] < order[place]):
+                place, first, second = p, d, first
+            elif d < second:
+                second = d
+    return place, first, second
+
+
+@jit_ieee
+def _one_by_one(order: IntArray, xyz: FloatArray, boxes: FloatArray, levels: int, queries: FloatArray, reach: float) -> tuple[FloatArray, IntArray]:
+    stack, gaps = np.empty(levels + 2, np.int64), np.empty(levels + 2)
+    distance, row = np.full(len(queries), np.inf), np.full(len(queries), -1)
+    for i in range(len(queries)):
+        place, squared, _ = nearest_two(order, xyz, boxes, levels, queries[i, 0], queries[i, 1], queries[i, 2], reach * reach, stack, gaps)
+        if place >= 0:
+            distance[i], row[i] = math.sqrt(squared), order[place]
+    return distance, row
+
+
+@jit_ieee
+def point_gap(boxes: FloatArray, node: int, x: float, y: float, z: float) -> float:
+    """Squared distance of a point from a box."""
+    u = max(boxes[node, 0] - x, x - boxes[node, 3], 0.0)
+    v = max(boxes[node, 1] - y, y - boxes[node, 4], 0.0)
+    w = max(boxes[node, 2] - z, z - boxes[node, 5], 0.0)
+    return float(u * u + v * v + w * w)
+
+
+@jit_ieee
 def _nearest(
     order: IntArray,
     xyz: FloatArray,
@@ -156,10 +219,7 @@ def _nearest(
             for q in range(a, b):
                 i = q - start
                 x, y, z, farthest = queries[q, 0], queries[q, 1], queries[q, 2], squared[i, k - 1]
-                u = max(boxes[node, 0] - x, x - boxes[node, 3], 0.0)
-                v = max(boxes[node, 1] - y, y - boxes[node, 4], 0.0)
-                w = max(boxes[node, 2] - z, z - boxes[node, 5], 0.0)
-                if u * u + v * v + w * w <= farthest:
+                if point_gap(boxes, node, x, y, z) <= farthest:
                     for p in range(s, e):
                         u, v, w = xyz[p, 0] - x, xyz[p, 1] - y, xyz[p, 2] - z
                         d = u * u + v * v + w * w

@@ -1,8 +1,8 @@
 """Voxel means: one point per occupied cell of a grid anchored at 0 (thesis eq 2.4).
 
-One hash table serves the batch and the stream. Both sum the points of a cell in the order of their rows, so a stream gives the same bytes as the
-batch whatever the sizes of its pieces. A record is one cache line: first point, sum of the offsets from it, count, first row. Offsets from the
-first point keep all digits far from the origin, where a plain sum of coordinates loses them.
+A stream and a small batch share one hash table, a large batch goes part by part (`voxel_parts`). All sum the points of a cell in the order of their
+rows, so a stream gives the same bytes as the batch whatever the sizes of its pieces. A record is one cache line: first point, sum of the offsets
+from it, count, first row. Offsets from the first point keep all digits far from the origin, where a plain sum of coordinates loses them.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from scan2fea.errors import InputError, UsageError, require
 from scan2fea.kernel.jit import jit
+from scan2fea.kernel.voxel_parts import cells_by_parts, mix
 from scan2fea.types import FloatArray, IntArray, Value
 
 _RECORD = 8  # float64 per cell: x, y, z of the first point; sum of offsets in x, y, z; count; first row
@@ -21,6 +22,7 @@ _EMPTY = np.int64(-1)
 _BLOCK = 128  # rows whose loads run side by side
 _SMALLEST_TABLE = 1 << 12
 _LARGE = 1 << 21  # cells beyond which storage doubles; below it grows fourfold, as every step enters all cells again
+_MANY = 1 << 17  # rows from which a table of their cells may not fit the cache
 _MAX_CELL = 2.0**52  # beyond it floor(p / edge) is no longer exact in float64
 
 
@@ -41,19 +43,6 @@ class VoxelCells(Value):
 
 
 @jit
-def _mix(fx: float, fy: float, fz: float) -> int:
-    """A 62-bit hash of a cell (multiply and xorshift, after the finaliser of SplitMix64)."""
-    ix, iy, iz = np.uint64(np.int64(fx)), np.uint64(np.int64(fy)), np.uint64(np.int64(fz))
-    h = ix * np.uint64(0x9E3779B97F4A7C15) + iy * np.uint64(0xC2B2AE3D27D4EB4F) + iz * np.uint64(0x165667B19E3779F9)
-    h ^= h >> np.uint64(30)
-    h *= np.uint64(0xBF58476D1CE4E5B9)
-    h ^= h >> np.uint64(27)
-    h *= np.uint64(0x94D049BB133111EB)
-    h ^= h >> np.uint64(31)
-    return np.int64(h >> np.uint64(2))  # type: ignore[return-value]  # numba has no other way to say int
-
-
-@jit
 def _find(fx: float, fy: float, fz: float, edge: float, tag: int, slot: int, table: npt.NDArray[np.int64], records: FloatArray) -> int:
     """Slot of the cell, or the empty slot where it belongs. A slot holds tag (high 31 bits) and cell (low 32 bits)."""
     mask = len(table) - 1
@@ -71,7 +60,7 @@ def _touch(points: FloatArray, start: int, stop: int, edge: float, table: npt.ND
     """Hash the cells of some rows and load what inserting them will look at: these loads run side by side, those of `_insert` one after the other."""
     mask = len(table) - 1
     for row in range(start, stop):
-        hashes[row - start] = _mix(np.floor(points[row, 0] / edge), np.floor(points[row, 1] / edge), np.floor(points[row, 2] / edge))
+        hashes[row - start] = mix(np.floor(points[row, 0] / edge), np.floor(points[row, 1] / edge), np.floor(points[row, 2] / edge))
     for k in range(stop - start):
         hashes[_BLOCK + k] = table[hashes[k] & mask]
     seen = 0.0
@@ -128,7 +117,7 @@ def _index(records: FloatArray, n_cells: int, edge: float, table: npt.NDArray[np
     for cell in range(n_cells):
         x, y, z = records[cell, 0], records[cell, 1], records[cell, 2]
         fx, fy, fz = np.floor(x / edge), np.floor(y / edge), np.floor(z / edge)
-        h = _mix(fx, fy, fz)
+        h = mix(fx, fy, fz)
         tag = h >> 31
         slot = _find(fx, fy, fz, edge, tag, h & mask, table, records)
         if table[slot] == -1:
@@ -155,6 +144,18 @@ def _empty_table(n_cells: int) -> npt.NDArray[np.int64]:
     return np.full(size, _EMPTY)
 
 
+def _checked(points: FloatArray, edge_m: float) -> FloatArray:
+    """(n, 3) contiguous. Raises InputError as `VoxelStream.add`."""
+    xyz = np.ascontiguousarray(points, float).reshape(-1, 3)
+    largest = max(float(xyz.max(initial=0.0)), -float(xyz.min(initial=0.0)))  # nan stays nan
+    require(
+        largest / edge_m < _MAX_CELL,
+        InputError,
+        f"a coordinate of {largest:g} m cannot be put into voxels of {edge_m:g} m: drop what is not finite, or take larger voxels",
+    )
+    return xyz
+
+
 class VoxelStream:
     """Voxel means of points that arrive in pieces; memory grows with the occupied cells only (64 bytes each and its table).
 
@@ -174,13 +175,7 @@ class VoxelStream:
 
         Raises InputError where a coordinate is not finite or exceeds 2^52 edges.
         """
-        xyz = np.ascontiguousarray(points, float).reshape(-1, 3)
-        largest = max(float(xyz.max(initial=0.0)), -float(xyz.min(initial=0.0)))  # nan stays nan
-        require(
-            largest / self.edge_m < _MAX_CELL,
-            InputError,
-            f"a coordinate of {largest:g} m cannot be put into voxels of {self.edge_m:g} m: drop what is not finite, or take larger voxels",
-        )
+        xyz = _checked(points, self.edge_m)
         cells = np.empty(len(xyz), np.int64)
         row = 0
         while row < len(xyz):
@@ -227,5 +222,8 @@ def voxel_mean(points: FloatArray, edge_m: float) -> VoxelCells:
     InputError for coordinates that are not finite or exceed 2^52 edges.
     """
     stream = VoxelStream(edge_m)
+    if _MANY <= len(points) < 2**32:
+        cells, mean, first, count = cells_by_parts(_checked(points, stream.edge_m), stream.edge_m)
+        return VoxelCells(cell_of_point=cells, n_cells=len(mean), mean=mean, first_row=first, count=count)
     cells = stream.add(points)
     return VoxelCells(cell_of_point=cells, n_cells=stream.n_cells, mean=stream.mean(), first_row=stream.first_row(), count=stream.count())

@@ -6,11 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from scan2fea.kernel.near_tree import NearTree, near_tree, nearest_of
 from scan2fea.kernel.transforms import applied, inverse, rotated
-from scan2fea.registration.icp import LEAST_PAIRS, Pairs, is_facing, jacobian, pairs_of, robust_scale, tukey
-from scan2fea.registration.surface import NORMAL_NEIGHBORS, Surface, nearest
+from scan2fea.registration.icp import LEAST_PAIRS, is_facing, jacobian, robust_scale, tukey
+from scan2fea.registration.pairing import Pairs, pairs_of
+from scan2fea.registration.surface import NORMAL_NEIGHBORS, Surface
 from scan2fea.types import BoolArray, FloatArray, Value
 
 AGREE_EDGES = 0.75  # surfaces that are one lie within this of each other, across
@@ -59,7 +60,7 @@ class Quality(Value):
         return float(np.sqrt(max(np.trace(self.covariance[:3, :3]), 0.0))) if not self.is_degenerate else math.nan
 
 
-def judge(source: Surface, target: Surface, tree: cKDTree, T_target_source: FloatArray) -> Quality:
+def judge(source: Surface, target: Surface, tree: NearTree, T_target_source: FloatArray) -> Quality:
     """Quality of a motion that ICP has converged to."""
     edge = max(source.edge_m, target.edge_m)
     pairs = pairs_of(source, target, tree, T_target_source, NEAR_EDGES * edge)
@@ -121,8 +122,8 @@ def _in_front(points: FloatArray, seen: Surface, edge: float) -> float:
     there, here = seen.points - seen.station, points - seen.station
     far, own = np.linalg.norm(there, axis=1), np.linalg.norm(here, axis=1)
     sure = own > edge
-    tree = cKDTree(there[far > 0] / far[far > 0, None])
-    angle, near = nearest(tree, here[sure] / own[sure, None])
+    tree = near_tree(there[far > 0] / far[far > 0, None])
+    angle, near = nearest_of(tree, here[sure] / own[sure, None])
     far = far[far > 0][near]
     same = angle * far <= 0.7 * edge
     if same.sum() < LEAST_PAIRS:
@@ -130,9 +131,9 @@ def _in_front(points: FloatArray, seen: Surface, edge: float) -> float:
     return float((own[sure][same] < far[same] - 3.0 * edge).mean())
 
 
-def _near(source: Surface, target: Surface, tree: cKDTree, T: FloatArray, reach: float) -> int:
+def _near(source: Surface, target: Surface, tree: NearTree, T: FloatArray, reach: float) -> int:
     """Points near the other surface. Two sides of a wall, where the sensors tell them apart, are near each other and yet say nothing."""
-    distance, near = nearest(tree, applied(T, source.points), reach)
+    distance, near = nearest_of(tree, applied(T, source.points), reach)
     rows = np.flatnonzero(np.isfinite(distance))
     both = source.is_seen[rows] & target.is_seen[near[rows]]
     cosine = np.einsum("nc,nc->n", rotated(T, source.normals[rows]), target.normals[near[rows]])

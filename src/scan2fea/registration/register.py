@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from scan2fea.kernel.near_tree import NearTree
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.transforms import applied, inverse
 from scan2fea.registration.concatenate import along_tree
 from scan2fea.registration.features import features
-from scan2fea.registration.icp import icp, pairs_of
+from scan2fea.registration.icp import icp
+from scan2fea.registration.pairing import pairs_of
 from scan2fea.registration.pose_graph import GraphLink, GraphOptions, GraphResult, components, optimise, rotation_vector, triangles_closed
 from scan2fea.registration.quality import Quality, judge
 from scan2fea.registration.ransac import Features, Proposal, RansacOptions, propose
@@ -68,10 +69,10 @@ class Matcher:
 
     def __init__(self, surfaces: Sequence[Surface], seed: int) -> None:
         self.surfaces, self.seed = surfaces, seed
-        self._trees: dict[int, cKDTree] = {}
+        self._trees: dict[int, NearTree] = {}
         self._features: dict[int, Features] = {}
 
-    def tree(self, k: int) -> cKDTree:
+    def tree(self, k: int) -> NearTree:
         if k not in self._trees:
             self._trees[k] = self.surfaces[k].tree()
         return self._trees[k]
@@ -116,7 +117,7 @@ class Matcher:
             return list(proposals)
         b, a = self.surfaces[source], self.surfaces[target]
         rows = sampled_rows(len(b), SCREENED, self.seed)
-        few = replace(b, points=b.points[rows], normals=b.normals[rows], is_seen=b.is_seen[rows])
+        few = b.few(rows)
         reach = 2.0 * a.edge_m
         count = [len(pairs_of(few, a, self.tree(target), p.T_target_source, reach).across_m) for p in proposals]
         return [proposals[k] for k in np.argsort([-c for c in count], kind="stable")[:REFINED]]

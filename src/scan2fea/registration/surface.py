@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from scan2fea.kernel.near_tree import NearTree, near_tree
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import noise_sigma, sampled_rows, spacing
 from scan2fea.kernel.normals import oriented_to, pca_normals
@@ -56,14 +55,12 @@ class Surface(Value):
         """Radius of gyration about the centre."""
         return float(np.sqrt(((self.points - self.points.mean(axis=0)) ** 2).sum(axis=1).mean())) if len(self) else 0.0
 
-    def tree(self) -> cKDTree:
-        return cKDTree(self.points)
+    def few(self, rows: IntArray) -> Surface:
+        """Some of the points."""
+        return replace(self, points=self.points[rows], normals=self.normals[rows], is_seen=self.is_seen[rows])
 
-
-def nearest(tree: cKDTree, queries: FloatArray, reach_m: float = math.inf) -> tuple[FloatArray, IntArray]:
-    """Distance (n,) and row (n,) of the nearest point of a tree; inf and the number of points where none is within reach."""
-    distance, near = tree.query(queries, k=1, distance_upper_bound=reach_m, workers=1)
-    return np.asarray(distance, float), np.asarray(near, np.int64)
+    def tree(self) -> NearTree:
+        return near_tree(self.points)
 
 
 def common_edge(clouds: Sequence[FloatArray], cells: int = CELLS) -> float:

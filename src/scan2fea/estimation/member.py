@@ -25,6 +25,7 @@ from scan2fea.estimation.fit import MIN_POINTS, SectionFit
 from scan2fea.estimation.given import Given, Told, compared, joint_p_value, told_by
 from scan2fea.estimation.prismatic import is_prismatic
 from scan2fea.estimation.ray_voids import in_sheets
+from scan2fea.estimation.rim import with_rim
 from scan2fea.estimation.swept import sweep_of
 from scan2fea.estimation.systematic import even_spacing, face_error, thinned_spacing, widened
 from scan2fea.estimation.with_rays import compared_by_rays, needs_rays, refined, sensor_inside
@@ -112,7 +113,7 @@ def fit_member(
         by_rays = not why_not
         found = dataclasses.replace(
             found,
-            member=member,
+            member=with_rim(points, member) if by_rays else member,
             explanation=told,
             explains=told.explains,
             reason=told.reason,
@@ -183,6 +184,10 @@ def _swept(points: FloatArray, axes: tuple[Axis, ...], options: MemberOptions, f
     pitch = max(thinned_spacing(points, options.seed), even_spacing(sweep.coordinates(points)[:, 2], (0.0, high - low), fit.sigma_m, area))
     member = widened(member, pitch, (ends.low.cap_points, ends.high.cap_points), off_m)
     member, untold = honest(points, member, options)
+    untold = {**untold, **fit.why, **{name: _BLIND for name in fit.names if blind_plate(fit, name)}}
+    rimmed = with_rim(points, member, pitch)
+    if rimmed is not member:
+        member, untold = rimmed, {name: why for name, why in untold.items() if name != "t"}
     return MemberFit(
         member=member,
         explains=told.explains,
@@ -195,7 +200,7 @@ def _swept(points: FloatArray, axes: tuple[Axis, ...], options: MemberOptions, f
         ends=ends,
         p_fixed=p_fixed,
         given=given,
-        why={**untold, **fit.why, **{name: _BLIND for name in fit.names if blind_plate(fit, name)}},
+        why=untold,
         method="density",
         n_axes=len(axes),
     )

@@ -25,7 +25,7 @@ from scan2fea.types import BoolArray, FloatArray, Member, Parameter
 
 _UNSEEN = 0.05  # points per metre against the densest face: what noise carries over from its neighbours
 _REACH = "it is only how far the scan reaches: no two faces that were seen fix it"
-_BLENDED = "its two faces do not stand apart: one face under wider noise explains the points too"
+BLENDED = "its two faces do not stand apart: one face under wider noise explains the points too"
 _CHORD = 2e-3  # of the section: circles bulge so far beyond their polygons, and exact points are rounded
 _NEAR_SIGMAS = 4.0  # from the section: what lies further off has no say about the ends
 
@@ -67,7 +67,11 @@ def near_section(coordinates: FloatArray, fit: SectionFit) -> BoolArray:
     return np.asarray(distance < _NEAR_SIGMAS * fit.sigma_m + _CHORD * float(fit.values.max()))
 
 
-def ends_of(coordinates: FloatArray, fit: SectionFit, span: tuple[float, float]) -> Ends:
+def ends_of(coordinates: FloatArray, fit: SectionFit, span: tuple[float, float], wall_m: float | None = None) -> Ends:
+    """The end planes. wall_m : of a tube, from its rim, where the section's fit does not tell it."""
+    vague = wall_m is None and fit.family in ("RHS", "CHS") and not fit.observable["t"]
+    if wall_m is not None:
+        fit = dataclasses.replace(fit, values=np.array([wall_m if name == "t" else fit.value(name) for name in fit.names]))
     lengths = face_lengths(fit.family, fit.values)
     seen = np.minimum(fit.face_weight, 1.0) if len(fit.face_weight) == len(lengths) else np.ones(len(lengths))
     perimeter = float(lengths @ seen)
@@ -75,7 +79,7 @@ def ends_of(coordinates: FloatArray, fit: SectionFit, span: tuple[float, float])
     near = coordinates[near_section(coordinates, fit)]
     box = float(np.prod(np.maximum(np.ptp(near[:, :2], axis=0), 1e-300))) if len(near) else 1.0
     look = partial(across, fit.family, fit.values, fit.sigma_m, fit.noise, seen, box)
-    return find_ends(near, fit.sigma_m, span, area / perimeter if perimeter > 0 else 0.0, look)
+    return find_ends(near, fit.sigma_m, span, area / perimeter if perimeter > 0 else 0.0, look, vague=vague)
 
 
 def member_of(sweep: Sweep, fit: SectionFit, ends: Ends, fixed: Mapping[str, float]) -> Member:
@@ -129,7 +133,9 @@ def honest(points: FloatArray, member: Member, options: MemberOptions) -> tuple[
     fixed = pinned(member.family, seen)
     one_face = blended(points, member, seen) if options.sigma_m is None else frozenset()
     fitted = [p.name for p in member.parameters if p.name != "length" and p.source == "fitted" and p.observable]
-    why = {name: _REACH if name not in fixed else _BLENDED for name in fitted if name not in fixed or name in one_face}
+    why = {name: _REACH if name not in fixed else BLENDED for name in fitted if name not in fixed or name in one_face}
+    if why.get("t") == BLENDED and member.family in ("RHS", "CHS"):
+        member = _one_face(member)
     loose = [k for k, p in enumerate(member.parameters) if p.name in why]
     covariance = np.array(member.covariance)
     covariance[loose, :] = covariance[:, loose] = 0.0
@@ -137,6 +143,19 @@ def honest(points: FloatArray, member: Member, options: MemberOptions) -> tuple[
     loose_one = {p.name: dataclasses.replace(p, std_m=None, observable=False, spread_m=None) for p in member.parameters}
     parameters = tuple(loose_one[p.name] if p.name in unknown else p for p in member.parameters)
     return dataclasses.replace(member, parameters=parameters, covariance=covariance), why
+
+
+def _one_face(member: Member) -> Member:
+    """A tube whose wall may be one face under wider noise: its outer faces then lie in the middle of that wall, so they are told between both."""
+    half = next(p.value_m for p in member.parameters if p.name == "t") / 2
+    covariance, parameters = np.array(member.covariance), []
+    for k, p in enumerate(member.parameters):
+        if p.name in ("t", "length") or p.std_m is None:
+            parameters.append(p)
+            continue
+        covariance[k, k] += half**2
+        parameters.append(dataclasses.replace(p, value_m=p.value_m - half, std_m=math.hypot(p.std_m, half)))
+    return dataclasses.replace(member, covariance=covariance, parameters=tuple(parameters))
 
 
 def seen_faces(fit: SectionFit, told: Explanation) -> Mapping[str, float]:

@@ -195,17 +195,22 @@ def _tube_of(scene: Scene, bar: Candidate) -> Candidate | None:
         return None
     layout, old = Layout(family=tube), bar.layout
     theta = np.array([old.get(bar.theta, name) for name in layout.names])
-    largest = float(old.values(bar.theta).max())
-    if largest > _FLATTEST_TUBE * float(old.values(bar.theta).min()):
+    outer = old.values(bar.theta)
+    if outer.max() > _FLATTEST_TUBE * outer.min():
         return None
     if tube == "RHS":
         theta[layout.place["h"]] = old.get(bar.theta, "t")
-    wall = min(_WALL_MEDIAN * largest, 0.25 * float(old.values(bar.theta).min()))
+    wall = usual_wall(outer)
     theta[layout.place["t"]] = wall
     weight = np.array([0.0 if name.endswith("INNER") else 1.0 for name in faces(tube)])
     model = scene.model(layout, bar.noise, weight)
     done = climbed(model, theta, scene.size_m, fixed={**scene.held(layout), "t": wall})
     return candidate_of(scene, model, done, 2 * math.log(2))
+
+
+def usual_wall(outer: FloatArray) -> float:
+    """Of a tube of those outer dimensions, m: where no point tells of it."""
+    return min(_WALL_MEDIAN * float(outer.max()), 0.25 * float(outer.min()))
 
 
 def _outer_only(family: str, weight: FloatArray) -> bool:

@@ -19,6 +19,7 @@ from scan2fea.types import FloatArray, Value
 
 CAP_STEPS = (-2, -1, 1, 2, 3, 4, 5)  # other caps, as powers of two of the expected one: seen worse, seen better
 _PRIOR = np.array([0.45, 0.45] + [0.1 / len(CAP_STEPS)] * len(CAP_STEPS))  # no cap, one as dense as the sides, others
+_VAGUE = np.array([0.45] + [0.55 / (len(CAP_STEPS) + 1)] * (len(CAP_STEPS) + 1))  # where the area of a cap is not known
 _SAME = 2 / 3  # belief that both ends were seen alike; else each end is a case of its own
 _ROUNDS = 60
 _TINY = 1e-30
@@ -29,9 +30,13 @@ def cap_ratios(unit: float) -> list[float]:
     return [0.0, unit] + [unit * 2.0**k for k in CAP_STEPS]
 
 
-def together(low: Sequence[float], high: Sequence[float]) -> FloatArray:
-    """(k, k) posterior of the hypotheses of the low end (rows) and of the high end, from the log evidence of each."""
-    prior = _SAME * np.diag(_PRIOR) + (1 - _SAME) * np.outer(_PRIOR, _PRIOR)
+def together(low: Sequence[float], high: Sequence[float], *, vague: bool = False) -> FloatArray:
+    """(k, k) posterior of the hypotheses of the low end (rows) and of the high end, from the log evidence of each.
+
+    vague : the area of a cap is a guess: that of a tube whose wall was not seen.
+    """
+    one = _VAGUE if vague else _PRIOR
+    prior = _SAME * np.diag(one) + (1 - _SAME) * np.outer(one, one)
     level = np.asarray(low)[:, None] + np.asarray(high)[None, :] + np.log(prior)
     share = np.exp(level - level.max())
     return np.asarray(share / share.sum())

@@ -148,16 +148,18 @@ class _Side:
         return edge, float(weight @ (self.excess * spread**2 + (edges - edge) ** 2))
 
 
-def find_ends(points: FloatArray, sigma_m: float, rough: tuple[float, float], cap_ratio_m: float = 0.0, look: Look | None = None) -> Ends:
+def find_ends(
+    points: FloatArray, sigma_m: float, rough: tuple[float, float], cap_ratio_m: float = 0.0, look: Look | None = None, *, vague: bool = False
+) -> Ends:
     """The two end planes from (n, 3) points in the member's frame (axis along z, bow removed, clutter off the section left out).
 
     sigma_m : noise along z.   rough : the ends to about a few per cent of the length.   cap_ratio_m : area over perimeter of the section,
-    0 where not known.   look : how likely points of the sides and of a cap are across the axis; none: not asked.
+    0 where not known, vague where guessed.   look : how likely points of the sides and of a cap are across the axis; none: not asked.
     """
     low = _side(points, rough, sigma_m, cap_ratio_m, look)
     mirrored = points * np.array([1.0, 1.0, -1.0])
     high = _side(mirrored, (-rough[1], -rough[0]), sigma_m, cap_ratio_m, look)
-    share = together(low.evidence(), high.evidence())
+    share = together(low.evidence(), high.evidence(), vague=vague)
     # the length under each pair of hypotheses: what the caps leave open at both ends adds up
     lengths = -np.add.outer([fit.edge for fit in low.fits], [fit.edge for fit in high.fits])
     mean = float((share * lengths).sum())

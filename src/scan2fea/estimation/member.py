@@ -15,18 +15,19 @@ import numpy as np
 from scan2fea.errors import EstimationError, InputError, UsageError, require
 from scan2fea.estimation.along_axis import MemberOptions as MemberOptions
 from scan2fea.estimation.along_axis import freed, likeliest
-from scan2fea.estimation.as_member import blind_plate, ends_of, honest, member_of, near_section, seen_faces, significant
+from scan2fea.estimation.as_member import BLENDED, blind_plate, ends_of, honest, member_of, near_section, seen_faces, significant
 from scan2fea.estimation.axis import Axis, axes_of
-from scan2fea.estimation.caps import SOLID, ends_show, inside_of
+from scan2fea.estimation.caps import HOLLOW, SOLID, ends_show, inside_of
 from scan2fea.estimation.changing import changing, is_better
 from scan2fea.estimation.ends import Ends, rough_ends
 from scan2fea.estimation.explain import MIN_SLENDER, Explanation, explanation
 from scan2fea.estimation.fit import MIN_POINTS, SectionFit
+from scan2fea.estimation.from_outside import TUBE_OF, tube_of
 from scan2fea.estimation.given import Given, Told, compared, joint_p_value, told_by
 from scan2fea.estimation.prismatic import is_prismatic
 from scan2fea.estimation.ray_voids import in_sheets
-from scan2fea.estimation.rim import with_rim
-from scan2fea.estimation.swept import sweep_of
+from scan2fea.estimation.rim import BAR_OF, hollow, is_unsure, with_rim
+from scan2fea.estimation.swept import Sweep, sweep_of
 from scan2fea.estimation.systematic import even_spacing, face_error, thinned_spacing, widened
 from scan2fea.estimation.with_rays import compared_by_rays, needs_rays, refined, sensor_inside
 from scan2fea.kernel.noise import sampled_rows
@@ -35,7 +36,7 @@ from scan2fea.kernel.section_likelihood import face_lengths, faces
 from scan2fea.kernel.sections import PARAMETERS
 from scan2fea.types import FloatArray, Member, Scan, Value
 
-_SOLID = {"RHS": "rect", "C": "rect", "I": "rect", "L": "rect", "T": "rect", "CHS": "round"}
+_SOLID = {**BAR_OF, "C": "rect", "I": "rect", "L": "rect", "T": "rect"}
 _BLIND = "the sheet is thinner than two sigma of the noise; it may have been seen from one side only"
 _FREE_FORM = "along no axis do the points lie on the outline of a section, they fill areas: a free form, such as a sphere, and no member"
 _OFF = 0.01  # share of the points in cells that are off, beyond which a changing section is looked for
@@ -103,6 +104,8 @@ def fit_member(
     if other in families and (closed or may_be):  # from outside a tube and a bar are alike, but a bar's caps are closed
         bar = _swept(points, axes if short else (found.axis,), dataclasses.replace(options, family=other), (other,), fixed or {})
         found = bar if bar.explains else found
+    if not fixed:
+        found = _tube_for(points, found, options, families)
     if _may_change(found, fixed or {}):
         found = _with_change(points, found, options, families)
     inside = sensor_inside(scan, found.member)
@@ -124,6 +127,20 @@ def fit_member(
             p_fixed, given = compared_by_rays(scan, member, fixed, options.seed)
             found = dataclasses.replace(found, p_fixed=p_fixed, given=given)
     return dataclasses.replace(found, member=dataclasses.replace(found.member, inside=inside_of(points, found.member)))
+
+
+def _tube_for(points: FloatArray, found: MemberFit, options: MemberOptions, families: tuple[str, ...]) -> MemberFit:
+    """Where the ends are seen to be open and no inner face was seen, the tube with the outer faces of the bar that looks the same."""
+    family = TUBE_OF.get(found.member.family, found.member.family)
+    doubtful = found.member.family in TUBE_OF or found.why.get("t") == BLENDED
+    if not doubtful or family not in BAR_OF or family not in families or inside_of(points, found.member) != HOLLOW:
+        return found
+    bar = BAR_OF[family]
+    tube = _swept(points, (found.axis,), dataclasses.replace(options, family=bar), (bar,), {}, open_ends=True)
+    if not tube.explains or inside_of(points, tube.member) != HOLLOW:
+        return found
+    known = {**found.member.families, family: found.member.families.get(family, 0.0)}
+    return dataclasses.replace(tube, member=dataclasses.replace(tube.member, families=hollow(family, known)))
 
 
 def _may_change(found: MemberFit, fixed: Mapping[str, float]) -> bool:
@@ -159,20 +176,68 @@ def _with_change(points: FloatArray, found: MemberFit, options: MemberOptions, f
     return dataclasses.replace(last, member=member, explains=True, reason=told.reason, explanation=told, n_axes=found.n_axes)
 
 
-def _swept(points: FloatArray, axes: tuple[Axis, ...], options: MemberOptions, families: tuple[str, ...], fixed: Mapping[str, float]) -> MemberFit:
-    """One round: the section along the likeliest axis, its curve and ends, and the test."""
+def _swept(
+    points: FloatArray,
+    axes: tuple[Axis, ...],
+    options: MemberOptions,
+    families: tuple[str, ...],
+    fixed: Mapping[str, float],
+    *,
+    open_ends: bool = False,
+) -> MemberFit:
+    """One round: the section along the likeliest axis, its curve and ends, and the test. open_ends : the bars of `families` are tubes."""
     section_fixed = {name: value for name, value in fixed.items() if name != "length"}
     axis, fit = likeliest(points, axes, options, families, section_fixed)
     told_free = freed(points, axis, options, fit) if section_fixed else fit
     sweep, sag, sag_std = significant(sweep_of(axis, fit), fit)
     coordinates = sweep.coordinates(points)
+    if open_ends:
+        fit = tube_of(fit)
+        if fit.family == "RHS":
+            sweep = dataclasses.replace(sweep, roll=np.r_[sweep.roll[0] + math.pi / 2, sweep.roll[1:]])
+            sag, sag_std = np.array([sag[1], -sag[0]]), sag_std[::-1].copy()
     rough = rough_ends(coordinates[near_section(coordinates, fit), 2])
     sweep = sweep.rebased(*rough)
-    coordinates = sweep.coordinates(points)
-    ends = ends_of(coordinates, fit, sweep.span)
+    one = _between_ends(points, sweep, fit, options, fixed)
+    if one.wall_m is not None:  # the rim tells how many points the end faces hold
+        one = _between_ends(points, sweep, fit, options, fixed, one.wall_m)
+    p_fixed, given = _tested(fixed, told_free, fit.family, one.ends)
+    return MemberFit(
+        member=one.member,
+        explains=one.told.explains,
+        reason=one.told.reason,
+        explanation=one.told,
+        sag_m=sag,
+        sag_std_m=sag_std,
+        axis=axis,
+        section=fit,
+        ends=one.ends,
+        p_fixed=p_fixed,
+        given=given,
+        why=one.untold,
+        method="density",
+        n_axes=len(axes),
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Closed(Value):
+    """A member between its ends. untold : why dimensions are not observable.   wall_m : of a tube, where its rim alone tells it."""
+
+    member: Member
+    told: Explanation
+    ends: Ends
+    untold: Mapping[str, str]
+    wall_m: float | None
+
+
+def _between_ends(
+    points: FloatArray, sweep: Sweep, fit: SectionFit, options: MemberOptions, fixed: Mapping[str, float], wall_m: float | None = None
+) -> _Closed:
+    """The ends of a sweep, the test, and what of the dimensions is observable. wall_m : of a tube, known from its rim."""
+    ends = ends_of(sweep.coordinates(points), fit, sweep.span, wall_m)
     low, high = (end.position_m - float(end.slope @ end.pivot) for end in (ends.low, ends.high))
     require(high > low, EstimationError, "the ends of the member cannot be told apart")
-    p_fixed, given = _tested(fixed, told_free, fit.family, ends)
     if "length" in fixed:
         low, high = _of_length(fixed["length"], low, high, ends)
     sweep = sweep.rebased(low, high)
@@ -185,25 +250,11 @@ def _swept(points: FloatArray, axes: tuple[Axis, ...], options: MemberOptions, f
     member = widened(member, pitch, (ends.low.cap_points, ends.high.cap_points), off_m)
     member, untold = honest(points, member, options)
     untold = {**untold, **fit.why, **{name: _BLIND for name in fit.names if blind_plate(fit, name)}}
-    rimmed = with_rim(points, member, pitch)
-    if rimmed is not member:
-        member, untold = rimmed, {name: why for name, why in untold.items() if name != "t"}
-    return MemberFit(
-        member=member,
-        explains=told.explains,
-        reason=told.reason,
-        explanation=told,
-        sag_m=sag,
-        sag_std_m=sag_std,
-        axis=axis,
-        section=fit,
-        ends=ends,
-        p_fixed=p_fixed,
-        given=given,
-        why=untold,
-        method="density",
-        n_axes=len(axes),
-    )
+    rimmed = member if untold.get("t") == BLENDED else with_rim(points, member, pitch)
+    if rimmed is member:
+        return _Closed(member=member, told=told, ends=ends, untold=untold, wall_m=None)
+    untold = {name: why for name, why in untold.items() if name != "t" or is_unsure(rimmed)}
+    return _Closed(member=rimmed, told=told, ends=ends, untold=untold, wall_m=rimmed.values()["t"])
 
 
 def _checked(scan: Scan) -> FloatArray:

@@ -1,10 +1,10 @@
 """The wall of a tube from its rim: an end face that was scanned reaches inward as far as the material does.
 
-From outside a tube shows no wall. Where its end faces were scanned, their points lie evenly over the depth 0 .. t below the outer faces, blurred by the
-noise: the inner edge is known to sqrt(sigma / (0.9 rho)) or 1 / rho for rho points per metre of depth (as any edge, `ends.py`). Near an end plane the depth
-is a mixture of the outer face (at 0), the rim, the inner face (at t: one looks into a tube) and strays; the shares are profiled out and t is averaged
-over a flat prior. What the same depths hold just beside the end plane is no rim: dents, fillets and strays are there too. The sides of the section
-must tell the same wall, and nothing may lie farther in: how far a scan reaches is no edge, but it seldom ends at one depth all round.
+From outside a tube shows no wall. Where its end faces were scanned, their points lie evenly over the depth 0 .. t below the outer faces, blurred
+by the noise: the inner edge is known as any edge is (`ends.py`). Near an end plane the depth is a mixture of the outer face (at 0), the rim, the
+inner face (at t: one looks into a tube) and strays. The shares are profiled out; t is averaged over a flat prior and over how much of the noise
+blurs it. What the same depths hold just beside the end plane is no rim: dents, fillets and strays are there too. The sides of the section must
+tell the same wall, and nothing may lie farther in: how far a scan reaches is no edge, but it seldom ends at one depth all round.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -20,9 +21,11 @@ from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.noise_kernels import kernel_at, kernel_parts
 from scan2fea.types import FloatArray, Member, Value
 
+BAR_OF = {"RHS": "rect", "CHS": "round"}  # what looks the same from outside
 _THICKEST = 0.25  # of the smaller side: no wall is thicker (sections.csv: 0.18 at most)
 _CORNER = 0.1  # of the smaller side: corners of real tubes are round
 _DEEP = 4.0  # sigma on either side of a plane: one point in 30,000 lies beyond
+_SURE = 0.05  # of the wall
 _LEAST = 20  # points of the rim
 _CAP, _EMPTY = 1 / 3, 0.1  # a rim that was scanned is at least that dense against the sides; what lies within it at most that against the rim
 _BLURS = (1.0, 0.4, 0.1)  # of the noise: what blurs a rim that was seen head on lies along its rays, not across it
@@ -36,10 +39,12 @@ _EDGE, _SPIKE, _PER_S = 1000, 500, 4  # noise is taken for at least that part of
 def with_rim(points: FloatArray, member: Member, spacing_m: float = 0.0) -> Member:
     """The member, a tube whose wall is not observable, with the wall that its rim shows; the member as it is where no rim does.
 
+    The wall is observable where it is known to a twentieth (what a volume may be off by); else it is an estimate with a spread.
+
     points : (n, 3) metres.   spacing_m : of points that keep a distance from each other, 0 of points at random.
     """
     told = {p.name: p.observable for p in member.parameters}
-    if member.family not in ("RHS", "CHS") or told["t"] or not all(told[name] for name in told if name not in ("t", "length")):
+    if member.family not in BAR_OF or told["t"] or not all(told[name] for name in told if name not in ("t", "length")):
         return member
     found = _rim_wall(_Rim.of(points, member))
     if found is None:
@@ -52,9 +57,25 @@ def with_rim(points: FloatArray, member: Member, spacing_m: float = 0.0) -> Memb
     at = next(k for k, p in enumerate(member.parameters) if p.name == "t")
     covariance = np.array(member.covariance, float)
     covariance[at], covariance[:, at] = 0.0, 0.0
-    covariance[at, at] = std**2
-    seen = dataclasses.replace(member.parameters[at], value_m=wall, std_m=std, observable=True, source="fitted", spread_m=None)
-    return dataclasses.replace(member, covariance=covariance, parameters=(*member.parameters[:at], seen, *member.parameters[at + 1 :]))
+    sure = std < _SURE * wall
+    covariance[at, at] = std**2 if sure else 0.0
+    seen = dataclasses.replace(
+        member.parameters[at], value_m=wall, std_m=std if sure else None, observable=sure, source="fitted", spread_m=None if sure else std
+    )
+    parameters = (*member.parameters[:at], seen, *member.parameters[at + 1 :])
+    return dataclasses.replace(member, covariance=covariance, parameters=parameters, families=hollow(member.family, member.families))
+
+
+def hollow(tube: str, families: Mapping[str, float]) -> dict[str, float]:
+    """The posterior of the families where the ends are seen to be open: the bar's is the tube's too."""
+    own = dict(families)
+    own[tube] = own.get(tube, 0.0) + own.pop(BAR_OF[tube], 0.0)
+    return own
+
+
+def is_unsure(member: Member) -> bool:
+    """Whether a rim shows the wall of the tube, but not well enough to vouch for it."""
+    return any(p.name == "t" and not p.observable for p in member.parameters)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, kw_only=True)
@@ -113,8 +134,9 @@ class _Rim(Value):
         density = float(on_face.sum()) / (outline * max(values["length"] - 2 * reach, 1e-300))
         place = side + 4 * end
         return cls(
-            depth=depth[here & own], side=place[here & own], beside=depth[beside & own], beside_side=place[beside & own], inner=place[here & (depth >= top)],
-            inner_beside=place[twice & (depth >= top)], top=top, length=length, core=core, density=density, flat=flat, narrows=narrows, sigma=sigma, noise=member.noise,
+            depth=depth[here & own], side=place[here & own], beside=depth[beside & own], beside_side=place[beside & own],
+            inner=place[here & (depth >= top)], inner_beside=place[twice & (depth >= top)], top=top, length=length, core=core, density=density,
+            flat=flat, narrows=narrows, sigma=sigma, noise=member.noise,
         )  # fmt: skip
 
     def at(self, places: tuple[int, ...]) -> _Rim:

@@ -35,9 +35,14 @@ def member_checks(member: Member, explains: bool, *, given: bool = False) -> tup
         at_most("member.unseen_dimensions", unseen),
         at_most("member.open_walls", 0 if given else open_walls(member)),
         at_most("member.walls_in_noise", 0 if given else walls_in_noise(member)),
-        at_most("member.inside_unknown", int(member.inside == "unknown" and not given)),
+        at_most("member.inside_unknown", 0 if given else int(member.inside == "unknown" or _is_open_bar(member))),
         at_most("member.volume_std", relative_volume_std(member)),
     )
+
+
+def _is_open_bar(member: Member) -> bool:
+    """Whether a bar was fitted though its ends are seen to be open."""
+    return member.inside == "hollow" and member.family in ("rect", "round")
 
 
 def open_walls(member: Member) -> int:

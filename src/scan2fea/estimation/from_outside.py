@@ -1,0 +1,43 @@
+"""A tube that was seen from outside and into its open ends: it has the outer faces of the bar that looks the same, and no point tells of its wall."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from scan2fea.estimation.candidates import usual_wall
+from scan2fea.estimation.canonical import turned_weight
+from scan2fea.estimation.fit import SectionFit
+from scan2fea.kernel.section_likelihood import faces
+
+TUBE_OF = {"rect": "RHS", "round": "CHS"}
+_OF_BAR = {"RHS": {"h": "b", "b": "t"}, "CHS": {"d": "d"}}  # dimension of the tube -> of the bar
+_UNTOLD = "the points do not depend on it"
+
+
+def tube_of(bar: SectionFit) -> SectionFit:
+    """The fit of a bar as that of a tube of a usual wall, which is not observable. Its layout and theta stay the bar's.
+
+    A flat bar's longer side is along x and a tube's along y: the section is turned by +90 degrees against the bar's frame.
+    """
+    family = TUBE_OF[bar.family]
+    own = _OF_BAR[family]
+    rows = [bar.names.index(name) for name in own.values()]
+    n = len(rows)
+    covariance = np.zeros((n + 1, n + 1))
+    covariance[:n, :n] = bar.covariance[np.ix_(rows, rows)]
+    outer = turned_weight(bar.family, bar.face_weight) if family == "RHS" else bar.face_weight
+    weight = np.r_[outer, np.zeros(len(outer))]
+    return replace(
+        bar,
+        family=family,
+        names=(*own, "t"),
+        values=np.r_[bar.values[rows], usual_wall(bar.values)],
+        std=np.r_[bar.std[rows], 0.0],
+        covariance=covariance,
+        observable={**{name: bar.observable[other] for name, other in own.items()}, "t": False},
+        why={**{name: bar.why[other] for name, other in own.items() if other in bar.why}, "t": _UNTOLD},
+        face_weight=weight,
+        seen=dict(zip(faces(family), np.minimum(weight, 1.0).tolist(), strict=True)),
+    )

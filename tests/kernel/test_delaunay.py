@@ -1,9 +1,13 @@
+import itertools
+
 import numpy as np
 import pytest
-from scipy.spatial import ConvexHull
+from scipy.spatial import ConvexHull, Delaunay
 
 from scan2fea.errors import ReconstructionError
+from scan2fea.kernel import delaunay
 from scan2fea.kernel.delaunay import FACETS, JITTER, depth_to, tet_at, tetrahedralise, walk_votes
+from scan2fea.kernel.delaunay_insert import inserted
 
 
 def graph(tetra):
@@ -52,6 +56,26 @@ def test_spheres_are_empty():
     assert (distance >= tetra.circumradius[:, None] * (1 - 1e-6)).all()
     touching = np.take_along_axis(distance, tetra.tets, 1)
     assert np.abs(touching / tetra.circumradius[:, None] - 1).max() < 1e-6
+
+
+@pytest.mark.parametrize("name", CLOUDS)
+def test_point_by_point_gives_the_tets_of_qhull(name):
+    points = CLOUDS[name]
+    tetra = tetrahedralise(points, np.ptp(points, axis=0).max() / 6, 0)
+    local = (tetra.points - tetra.points.mean(0)) / np.ptp(tetra.points)
+    expected = np.sort(Delaunay(local, qhull_options="Qbb Qc Qz Q12").simplices, axis=1)
+    assert np.array_equal(np.unique(np.sort(tetra.tets, axis=1), axis=0), np.unique(expected, axis=0))
+
+
+def test_where_points_cannot_be_inserted_qhull_answers(monkeypatch):
+    """Two points in one place, which no tet parts: given up; a cloud that is given up comes from qhull."""
+    points = np.vstack([cloud(30) * 0.1, cloud(30)[:1] * 0.1])
+    box = np.array(list(itertools.product((-1.0, 1.0), repeat=3))) * (1 + 0.02 * np.random.default_rng(0).uniform(size=(8, 3)))
+    tets, neighbors = delaunay._hull(box)
+    assert inserted(np.vstack([points, box]), tets + len(points), neighbors, len(points), 0) is None
+    monkeypatch.setattr(delaunay, "inserted", lambda *_: None)
+    other = tetrahedralise(cloud(50), 0.3, 0)
+    assert other.volumes().min() > 0 and other.n_input == 50
 
 
 def test_incidence_is_brute_force():

@@ -42,7 +42,8 @@ SCRAPS = 0.01  # of the area: surfaces that a wider tolerance does without
 FIT_POINTS = 60_000
 NO_FILLETS = "rounded edges could not be made"
 LEFT_OUT = "a small face or step was lost"
-LOST = 30  # points: the least that a surface is fitted to
+FITTED = 30  # points: with fewer inside its region a surface is fitted to those at its border too
+LEAST_LOST = 6  # points: fewer lie side by side by chance
 VOLUME_OFF = 0.03  # of the volume of the surface: reconstructions of thin walls are a little too thick or thin
 CHORD = 0.1  # of the tolerance: how closely the solid is cut into triangles to be compared
 READS_BACK = 1e-6  # relative difference of volume between the shape and its file
@@ -246,7 +247,7 @@ def _fits(
     is_whole = True
     for k, surface in enumerate(patches.surfaces):
         rows = np.flatnonzero((label == k) & deep)
-        if len(rows) < LOST:
+        if len(rows) < FITTED:
             rows = np.flatnonzero(label == k)
         own = used[rows] if len(rows) >= LEAST_POINTS else nearest_points(stands, surface, scale.reach_m)
         fit = simplest(surface, own, scale.size_m) if len(own) >= LEAST_POINTS else None
@@ -313,19 +314,21 @@ def _problem(solid: Any, mesh: TriangleMesh, points: FloatArray, middle: FloatAr
 
 
 def _lost(shown: TriangleMesh, mesh: TriangleMesh, points: FloatArray, scale: _Scale) -> int:
-    """How many points the largest part of the surface holds that the solid does not follow; 0 below `LOST`, what a face needs to be told.
+    """How many points the largest part of the surface holds that the solid does not follow; 0 below what a face needs to be told from roundings.
 
     A point is off where it lies farther from the solid than from the surface by more than half a spacing and what surfaces may differ by: its own
-    noise is in both distances.
+    noise is in both distances. A face is told from two rounded creases beside each other where it is wider than both: as many points as lie on a
+    square of that side, 9 without noise.
     """
     used = points[sampled_rows(len(points), FIT_POINTS, 0)]
     spacing = scale.spacing_m * (len(points) / len(used)) ** 0.5
+    least = max(LEAST_LOST, round((2.0 * scale.reach_m / spacing) ** 2))
     more = PointToMesh(shown).nearest(used).distance - PointToMesh(mesh).nearest(used).distance
     off = used[more > scale.tolerance_m + STRAY_SPACINGS * scale.spacing_m]
-    if len(off) < LOST:
+    if len(off) < least:
         return 0
     largest = int(np.bincount(radius_components(off, 2.0 * spacing)).max())
-    return largest if largest >= LOST else 0
+    return largest if largest >= least else 0
 
 
 def triangles_of(solid: Any, middle: FloatArray, tolerance_m: float) -> tuple[TriangleMesh, IntArray]:

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
 from scan2fea.errors import ReconstructionError, require
+from scan2fea.kernel.delaunay_insert import inserted
 from scan2fea.kernel.jit import jit
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
@@ -85,13 +86,10 @@ def _build(moved: FloatArray, rng: np.random.Generator) -> Tetrahedralisation | 
     centre = 0.5 * (low + high)
     scale = 2.0 ** -math.ceil(math.log2(diagonal))  # a power of two: exact
     local = (everything - centre) * scale
-    try:
-        hull = Delaunay(local, qhull_options="Qbb Qc Qz Q12")
-    except QhullError:
+    found = _triangulated(local, len(moved), rng)
+    if found is None:
         return None
-    tets, neighbors = hull.simplices.astype(np.int64), hull.neighbors.astype(np.int64)
-    if len(hull.coplanar) or not _orient(local, tets, neighbors):
-        return None
+    tets, neighbors = found
     radius_centre, radius = _circumspheres(local, tets)
     return Tetrahedralisation(
         points=everything,
@@ -102,6 +100,25 @@ def _build(moved: FloatArray, rng: np.random.Generator) -> Tetrahedralisation | 
         circumradius=radius / scale,
         is_box=np.asarray((tets >= len(moved)).any(axis=1)),
     )
+
+
+def _triangulated(local: FloatArray, n: int, rng: np.random.Generator) -> tuple[IntArray, IntArray] | None:
+    """Checked tets and neighbours of all points, the last 8 of them the corners of a box round the n others; None where nothing stands the check."""
+    box = _hull(local[n:])
+    found = None if box is None else inserted(local, box[0] + n, box[1], n, int(rng.integers(2**31)))
+    if found is not None and _orient(local, *found):
+        return found
+    return _hull(local)
+
+
+def _hull(points: FloatArray) -> tuple[IntArray, IntArray] | None:
+    """The same by qhull."""
+    try:
+        hull = Delaunay(points, qhull_options="Qbb Qc Qz Q12")
+    except QhullError:
+        return None
+    tets, neighbors = hull.simplices.astype(np.int64), hull.neighbors.astype(np.int64)
+    return None if len(hull.coplanar) or not _orient(points, tets, neighbors) else (tets, neighbors)
 
 
 def _circumspheres(points: FloatArray, tets: IntArray) -> tuple[FloatArray, FloatArray]:

@@ -13,6 +13,7 @@ from scan2fea.kernel.measures import face_areas, volume
 from scan2fea.kernel.primitives import Plane
 from scan2fea.reconstruction.bare_faces import bare_faces
 from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, HIDDEN_VOLUME, PLACE, VOLUME_IN_DOUBT
+from scan2fea.reconstruction.empty_places import empty_places
 from scan2fea.reconstruction.evidence import at_most, mm
 from scan2fea.reconstruction.gates import in_all
 from scan2fea.reconstruction.gates_surface import deviation, mean_curvature, stray
@@ -78,6 +79,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, planes: 
         stray(measured, off, 3.0 * sigma + 0.5 * h),
         hidden_volume(mesh, cloud.points, h),
         bare_faces(mesh, cloud.points, scan.sensors(), h),
+        empty_places(mesh, cloud.points),
     ]  # fmt: skip
     bare = unmeasured_share(mesh, cloud.points, 3.0 * h + 3.0 * sigma)
     checks.append(

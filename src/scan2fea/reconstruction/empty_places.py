@@ -1,0 +1,158 @@
+"""Places of a flat wall that are empty on both of its faces: holes, which planes would close because they know nothing of outlines.
+
+Of random points of density rho the circles through three neighbours (Delaunay) that hold no other have 2 rho of them per area, and one of radius r
+or more is a chance of (1 + x) exp(-x), x = rho pi r^2 (Miles 1970). Where both faces of a wall leave the same place bare, x is that of both.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.optimize import brentq
+from scipy.spatial import Delaunay, QhullError
+
+from scan2fea.kernel.distances import PointToMesh
+from scan2fea.kernel.measures import face_areas, face_normals
+from scan2fea.kernel.primitives import Plane
+from scan2fea.kernel.rays import RayScene, first_hits, scene_of
+from scan2fea.kernel.topology import edge_table
+from scan2fea.reconstruction.evidence import around, at_most
+from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh
+
+EMPTY_PLACES = "empty places in flat walls"
+CHANCE = 0.0025  # that random points leave a place so bare anywhere on the part
+FACING = -0.99  # cosine between the two faces of a wall
+LEAST_POINTS = 12  # of a face
+LOOKS = 200  # places of a face that are asked for what lies behind it
+WITHIN = 0.8  # of a circle's radius: how far it stays from the outline, beside which points are missing for want of neighbours
+RING = 64  # places round a circle, up to twice its radius, that tell how dense the points are there
+HAIR = 1e-6  # of the size
+
+
+def empty_places(mesh: TriangleMesh, points: FloatArray) -> Check:
+    """How many places in walls of a flat solid (`face_region` is set) are empty on both faces by more than chance? points : (n, 3)."""
+    region = np.zeros(len(mesh.faces), np.int64) if mesh.face_region is None else np.unique(mesh.face_region, return_inverse=True)[1].ravel()
+    of = region[PointToMesh(mesh).nearest(points).face]
+    least = emptiness(len(points))
+    scene, normals = scene_of(mesh), face_normals(mesh)
+    found = [np.zeros((0, 3))]
+    for first in np.unique(region):
+        for second in _behind(mesh, scene, region, normals, int(first)):
+            pair = (int(first), int(second))
+            if min(np.sum(of == pair[0]), np.sum(of == pair[1])) >= LEAST_POINTS:
+                found.append(_in_wall(mesh, scene, region, normals, pair, points, of, least))
+    places = np.concatenate(found)
+    says = (
+        f"at {len(places)} places flat walls have no points on either face{around(places)}: holes, or not scanned; planes would close them"
+    )
+    return at_most(EMPTY_PLACES, float(len(places)), 0.0, says)
+
+
+def emptiness(n_points: int) -> float:
+    """x of the empty circle that n random points have with a chance of CHANCE."""
+    return float(brentq(lambda x: 2.0 * n_points * (1.0 + x) * math.exp(-x) - CHANCE, 0.0, 100.0))
+
+
+def _behind(mesh: TriangleMesh, scene: RayScene, region: IntArray, normals: FloatArray, first: int) -> IntArray:
+    """The faces, of greater number, that lie behind a face across the solid and look the other way."""
+    own = np.flatnonzero(region == first)
+    corners = mesh.vertices[mesh.faces[own]]
+    steps = max(1, math.isqrt(max(LOOKS // len(own), 1)))
+    weights = np.array([(i + 1 / 3, j + 1 / 3) for i in range(steps) for j in range(steps - i)]) / steps
+    places = np.einsum("wk,fkc->fwc", np.column_stack([1 - weights.sum(axis=1), weights]), corners).reshape(-1, 3)
+    hit = _under(scene, places, normals[own[0]], _hair(mesh))
+    behind = np.unique(region[hit[hit >= 0]])
+    facing = np.array([normals[region == k][0] @ normals[own[0]] < FACING for k in behind], bool)
+    return np.asarray(behind[facing & (behind > first)])
+
+
+def _in_wall(
+    mesh: TriangleMesh,
+    scene: RayScene,
+    region: IntArray,
+    normals: FloatArray,
+    pair: tuple[int, int],
+    points: FloatArray,
+    of: IntArray,
+    least: float,
+) -> FloatArray:
+    """(k, 3) middles of the places, on the first face, that the points of both faces of a wall leave empty."""
+    faces = [region == number for number in pair]
+    plane = _plane(mesh, faces[0], normals)
+    axes, both = plane.axes(), np.flatnonzero((of == pair[0]) | (of == pair[1]))
+    flat = points[both] @ axes.T
+    areas = face_areas(mesh)
+    density = sum(float(np.sum(of == number)) / float(areas[own].sum()) for number, own in zip(pair, faces, strict=True))
+    middle, radius = _circles(flat)
+    large = np.flatnonzero(math.pi * density * radius**2 >= least)
+    large = large[_clearance(mesh, region, faces, axes, middle[large]) >= WITHIN * radius[large]]
+    large = large[_across(scene, region, plane, pair, middle[large], _hair(mesh))]
+    kept: list[int] = []
+    for k in large[np.argsort(-radius[large], kind="stable")]:
+        if all(np.linalg.norm(middle[k] - middle[j]) >= radius[j] for j in kept):
+            kept.append(int(k))
+    kept = [k for k in kept if _ring_count(scene, region, plane, pair, middle[k], radius[k], flat, _hair(mesh)) >= least]
+    return np.asarray(middle[kept] @ axes + plane.offset * plane.normal)
+
+
+def _plane(mesh: TriangleMesh, own: BoolArray, normals: FloatArray) -> Plane:
+    normal = normals[own][0]
+    return Plane(normal=normal, offset=float((mesh.vertices[mesh.faces[own]].reshape(-1, 3) @ normal).mean()))
+
+
+def _hair(mesh: TriangleMesh) -> float:
+    return HAIR * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
+
+
+def _circles(flat: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Middles (m, 2) and radii (m,) of the circles through three of the points (n, 2) that hold no other."""
+    try:
+        corners = flat[Delaunay(flat).simplices]
+    except QhullError:
+        return np.zeros((0, 2)), np.zeros(0)
+    a, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    twice = 2.0 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+    kept = np.abs(twice) > 1e-12 * (u**2).sum(axis=1)
+    a, u, v, twice = a[kept], u[kept], v[kept], twice[kept]
+    uu, vv = (u**2).sum(axis=1), (v**2).sum(axis=1)
+    off = np.stack([v[:, 1] * uu - u[:, 1] * vv, u[:, 0] * vv - v[:, 0] * uu], axis=1) / twice[:, None]
+    return a + off, np.linalg.norm(off, axis=1)
+
+
+def _clearance(mesh: TriangleMesh, region: IntArray, faces: list[BoolArray], axes: FloatArray, places: FloatArray) -> FloatArray:
+    """(k,) distance of places (k, 2) from the outlines of the two faces of a wall."""
+    other = region[edge_table(mesh.faces).twin.reshape(-1, 3) // 3]
+    out = np.full(len(places), np.inf)
+    for own in faces:
+        face, side = np.nonzero(own[:, None] & (other != region[:, None]))
+        a, b = (mesh.vertices[mesh.faces[face, (side + k) % 3]] @ axes.T for k in (0, 1))
+        way = b - a
+        share = np.einsum("kec,ec->ke", places[:, None] - a, way) / np.maximum((way**2).sum(axis=1), np.finfo(float).tiny)
+        foot = a + np.clip(share, 0.0, 1.0)[..., None] * way
+        out = np.minimum(out, np.linalg.norm(places[:, None] - foot, axis=2).min(axis=1))
+    return out
+
+
+def _under(scene: RayScene, places: FloatArray, normal: FloatArray, hair: float) -> IntArray:
+    """(k,) the face that lies under each place of a face, across the solid; -1 none."""
+    return first_hits(scene, places - hair * normal, np.tile(-normal, (len(places), 1)))[1]
+
+
+def _across(scene: RayScene, region: IntArray, plane: Plane, pair: tuple[int, int], places: FloatArray, hair: float) -> BoolArray:
+    """(k,) places (k, 2) that lie on the first face and over the second."""
+    at = places @ plane.axes() + plane.offset * plane.normal
+    distance, top = first_hits(scene, at + hair * plane.normal, np.tile(-plane.normal, (len(at), 1)))
+    under = _under(scene, at, plane.normal, hair)
+    return np.asarray((top >= 0) & (region[top] == pair[0]) & (distance < 2.0 * hair) & (under >= 0) & (region[under] == pair[1]))
+
+
+def _ring_count(
+    scene: RayScene, region: IntArray, plane: Plane, pair: tuple[int, int], middle: FloatArray, radius: float, flat: FloatArray, hair: float
+) -> float:
+    """Points that the ring round an empty circle, up to twice its radius, foretells for it: as dense there as beside it."""
+    angle = np.arange(RING) * (np.pi * (3.0 - math.sqrt(5.0)))  # a sunflower
+    ring = middle + radius * np.sqrt(1.0 + 3.0 * (np.arange(RING) + 0.5) / RING)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    share = float(_across(scene, region, plane, pair, ring, hair).mean())
+    off = np.linalg.norm(flat - middle, axis=1)
+    return float(np.sum((off > (1.0 + HAIR) * radius) & (off <= 2.0 * radius))) / max(3.0 * share, 1.0 / RING)

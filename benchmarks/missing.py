@@ -106,7 +106,8 @@ def row(seed: int, method: str) -> dict[str, object]:
     out["checks"] = {c.name: round(c.value, 4) for c in found.checks}
     off = abs(out["ratio"] - 1)
     passed = "right" if off <= (RIGHT_NOISY if facts["noise"] else RIGHT) else "told" if off <= out["checks"][VOLUME_IN_DOUBT] else "WRONG"
-    return {**out, "how": str(found.how["method"]), "not_planar": str(found.how.get("not_planar", "")), "end": "refused" if out["refused"] else passed}
+    how = {name: str(found.how.get(name, "")) for name in ("method", "not_planar")}
+    return {**out, "how": how["method"], "not_planar": how["not_planar"], "end": "refused" if out["refused"] else passed}
 
 
 def told(r: dict[str, object]) -> str:

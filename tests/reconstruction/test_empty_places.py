@@ -6,7 +6,7 @@ import pytest
 
 from predicates import box, moved, rotation
 from scan2fea.kernel.distances import sample_surface
-from scan2fea.reconstruction.empty_places import CHANCE, _circles, empty_places, emptiness
+from scan2fea.reconstruction.empty_places import CHANCE, _circles, emptiness, empty_places
 from scan2fea.types import TriangleMesh
 
 SIZE, WALL, N = (1.0, 0.6, 0.05), 0.05, 1500

@@ -7,7 +7,7 @@ that its point does not see whole, there is no answer, and the caller asks qhull
 
 from __future__ import annotations
 
-import math
+import itertools
 
 import numpy as np
 
@@ -41,7 +41,7 @@ def _order(points: FloatArray, seed: int) -> IntArray:
     while cuts[-1] > FIRST_ROUND:
         cuts.append(cuts[-1] // 2)
     edges = [0, *cuts[::-1]]
-    parts = [np.sort(drawn[a:b]) for a, b in zip(edges, edges[1:], strict=False) if b > a]
+    parts = [np.sort(drawn[a:b]) for a, b in itertools.pairwise(edges) if b > a]
     return np.concatenate([part[morton_order(points[part])] for part in parts])
 
 
@@ -146,6 +146,68 @@ def _wider(rows: IntArray, n: int) -> IntArray:
 
 
 @jit_ieee
+def _cavity(
+    points: FloatArray, tets: IntArray, neighbors: IntArray, start: int, p: int, mark: int, state: IntArray, cavity: IntArray
+) -> tuple[int, int]:
+    """Tets whose spheres hold point p, written to `cavity` and marked: how many, and how many outer facets; (0, 0) where p sees one from behind."""
+    cavity[0], size, done, facets = start, 1, 0, 0
+    state[start] = mark
+    while done < size:
+        t = cavity[done]
+        done += 1
+        for i in range(4):
+            o = neighbors[t, i]
+            if o >= 0 and state[o] < mark:
+                inside = _in_sphere(points, tets[o, 0], tets[o, 1], tets[o, 2], tets[o, 3], p) > 0.0
+                state[o] = mark if inside else mark + 1
+                if inside:
+                    cavity[size] = o
+                    size += 1
+            if o < 0 or state[o] == mark + 1:
+                a, b, c = _facet(tets, t, i)
+                if not _side(points, a, b, c, p) < 0.0:
+                    return 0, 0
+                facets += 1
+    return size, facets
+
+
+@jit_ieee
+def _filled(
+    tets: IntArray, neighbors: IntArray, made: IntArray, p: int, mark: int, state: IntArray, cavity: IntArray, free: IntArray, n_free: int, used: int
+) -> tuple[int, int, int]:
+    """Tets from point p to the outer facets of the cavity, in free rows or new ones, joined to each other and to those outside.
+
+    Returns n_free and used as they are then, and one of the new tets.
+    """
+    new = -1
+    for t in cavity:
+        for i in range(4):
+            o = neighbors[t, i]
+            if o >= 0 and state[o] == mark:
+                continue
+            if n_free > 0:
+                n_free -= 1
+                new = free[n_free]
+            else:
+                new = used
+                used += 1
+            a, b, c = _facet(tets, t, i)
+            tets[new, 0], tets[new, 1], tets[new, 2], tets[new, 3] = a, c, b, p
+            neighbors[new, 3] = o
+            if o >= 0:
+                neighbors[o, _slot(neighbors, o, t)] = new
+            made[t, i] = new
+            state[new] = mark + 1
+    for t in cavity:
+        for i in range(4):
+            m = made[t, i]
+            if m >= 0:
+                for e in range(3):
+                    neighbors[m, e] = _beyond(tets, neighbors, made, t, i, tets[m, (e + 1) % 3], tets[m, (e + 2) % 3])
+    return n_free, used, new
+
+
+@jit_ieee
 def _insert(points: FloatArray, order: IntArray, first_tets: IntArray, first_neighbors: IntArray) -> tuple[IntArray, IntArray, IntArray]:
     """(tets in use, all tets, all neighbours) after the points of `order`; none in use where the work was given up."""
     room = max(TETS_PER_POINT * len(order), 64) + len(first_tets)
@@ -154,66 +216,20 @@ def _insert(points: FloatArray, order: IntArray, first_tets: IntArray, first_nei
     state = np.zeros(room, np.int64)  # 2 k: in the cavity of the k-th point; 2 k + 1: asked, and outside of it
     free, cavity = np.zeros(room, np.int64), np.zeros(room, np.int64)
     n_free, used, last = 0, len(first_tets), 0
-    none = np.zeros(0, np.int64)
     for k in range(len(order)):
         p, mark = order[k], 2 * (k + 1)
         start = _located(points, tets, neighbors, last, p)
-        if start < 0:
-            return none, tets, neighbors
-        cavity[0], size, done, facets = start, 1, 0, 0
-        state[start] = mark
-        while done < size:
-            t = cavity[done]
-            done += 1
-            for i in range(4):
-                o = neighbors[t, i]
-                if o >= 0 and state[o] < mark:
-                    inside = _in_sphere(points, tets[o, 0], tets[o, 1], tets[o, 2], tets[o, 3], p) > 0.0
-                    state[o] = mark if inside else mark + 1
-                    if inside:
-                        cavity[size] = o
-                        size += 1
-                if o < 0 or state[o] == mark + 1:
-                    a, b, c = _facet(tets, t, i)
-                    if not _side(points, a, b, c, p) < 0.0:
-                        return none, tets, neighbors
-                    facets += 1
+        size, facets = (0, 0) if start < 0 else _cavity(points, tets, neighbors, start, p, mark, state, cavity)
+        if size == 0:
+            return np.zeros(0, np.int64), tets, neighbors
         if used + facets > room:
-            room = 2 * room + facets
-            tets, neighbors, made = _wider(tets, room), _wider(neighbors, room), _wider(made, room)
-            state = np.concatenate((state, np.zeros(room - len(state), np.int64)))
-            free = np.concatenate((free, np.zeros(room - len(free), np.int64)))
-            cavity = np.concatenate((cavity, np.zeros(room - len(cavity), np.int64)))
-        for j in range(size):
-            t = cavity[j]
-            for i in range(4):
-                o = neighbors[t, i]
-                if o >= 0 and state[o] == mark:
-                    continue
-                if n_free > 0:
-                    n_free -= 1
-                    new = free[n_free]
-                else:
-                    new = used
-                    used += 1
-                a, b, c = _facet(tets, t, i)
-                tets[new, 0], tets[new, 1], tets[new, 2], tets[new, 3] = a, c, b, p
-                neighbors[new, 3] = o
-                if o >= 0:
-                    neighbors[o, _slot(neighbors, o, t)] = new
-                made[t, i] = new
-                state[new] = mark + 1
-                last = new
-        for j in range(size):
-            t = cavity[j]
-            for i in range(4):
-                new = made[t, i]
-                if new < 0:
-                    continue
-                for e in range(3):
-                    neighbors[new, e] = _beyond(tets, neighbors, made, t, i, tets[new, (e + 1) % 3], tets[new, (e + 2) % 3])
-        for j in range(size):
-            t = cavity[j]
+            more = room + facets
+            tets, neighbors, made = _wider(tets, room + more), _wider(neighbors, room + more), _wider(made, room + more)
+            none = np.zeros(more, np.int64)
+            state, free, cavity = np.concatenate((state, none)), np.concatenate((free, none)), np.concatenate((cavity, none))
+            room += more
+        n_free, used, last = _filled(tets, neighbors, made, p, mark, state, cavity[:size], free, n_free, used)
+        for t in cavity[:size]:
             made[t] = -1
             tets[t, 0] = -1
             free[n_free] = t

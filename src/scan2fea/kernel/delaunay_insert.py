@@ -117,7 +117,7 @@ def _beyond(tets: IntArray, neighbors: IntArray, made: IntArray, t: int, i: int,
             leave = k
     for _ in range(LONGEST_WALK):
         if made[t, leave] >= 0:
-            return made[t, leave]
+            return int(made[t, leave])
         other = neighbors[t, leave]
         entry = _slot(neighbors, other, t)
         nxt = 0

@@ -12,6 +12,7 @@ from scan2fea.fea import FeaOptions, material
 from scan2fea.fea.beam_theory import tip_under_force, tip_under_tension, tip_under_torque
 from scan2fea.fea.section_properties import properties_of
 from scan2fea.fea.shell import LAST, end_forces, shell_model, write_shell_inp
+from scan2fea.fea.shell_static import shell_cases, shell_stiffness
 from scan2fea.kernel.sections import PARAMETERS, section, section_area
 from scan2fea.types import Member, Parameter
 from scan2fea.units import UNIT_SYSTEMS
@@ -109,3 +110,44 @@ def test_calculix_bends_and_twists_it_as_theory_says(family, tmp_path):
     twist = float((model.weight[:, None] * arm * u).sum() / (model.weight[:, None] * arm**2).sum())
     # corners of thick walls hold more than lines that cross; a box without diaphragms loses its rectangle
     assert twist == pytest.approx(tip_under_torque(p, steel, LENGTH, 100.0), rel={"RHS": 0.25, "C": 0.09}.get(family, 0.03))
+    ours = {row.name: row.value for row in shell_cases(model, steel, 100.0)}
+    assert [ours["shell_tension"], ours["shell_bend_x"], ours["shell_bend_y"]] == pytest.approx([moved[0][2], moved[1][0], moved[2][1]], rel=0.01)
+    assert ours["shell_torsion"] == pytest.approx(twist, rel=0.02)
+
+
+@pytest.mark.parametrize("family", ["I", "CHS"])
+def test_shells_that_move_as_one_are_not_strained_and_stand_anywhere(family):
+    placed = np.eye(4)
+    placed[:3, :3], placed[:3, 3] = rotation(2), [1.0, -2.0, 3.0]
+    model, steel = shell_model(member(family)), material("S235")
+    stiff = shell_stiffness(model, steel)
+    assert abs(stiff - stiff.T).max() <= 1e-12 * abs(stiff).max()
+    way, turn = np.array([0.3, -0.5, 0.8]), np.array([0.2, 0.4, -0.1])
+    shift = np.c_[np.tile(way, (len(model.nodes), 1)), np.zeros_like(model.nodes)].ravel()
+    spin = np.c_[np.cross(turn, model.nodes), np.tile(turn, (len(model.nodes), 1))].ravel()
+    size = float(stiff.diagonal().max())
+    assert abs(stiff @ shift).max() < 1e-9 * size
+    assert spin @ (stiff @ spin) < 1e-6 * size * float(spin @ spin)  # the hair that holds turns about the normal
+    here = [row.value for row in shell_cases(model, steel, 100.0)]
+    there = [row.value for row in shell_cases(shell_model(member(family, placed)), steel, 100.0)]
+    assert there == pytest.approx(here, rel=1e-6)
+
+
+def test_a_plate_in_even_tension_stretches_evenly():
+    """The patch test: a plate of skewed elements takes an even strain exactly."""
+    model, steel = shell_model(member("rect")), material("S235")
+    inner = np.setdiff1d(np.arange(len(model.nodes)), np.r_[model.first, model.last])
+    skewed = model.nodes.copy()
+    corner = np.unique(model.elements[:, :4])
+    x = skewed[:, 0].copy()
+    move = np.setdiff1d(np.intersect1d(inner, corner), np.flatnonzero(np.abs(np.abs(x) - 0.05) < 1e-9))
+    skewed[move] += np.random.default_rng(0).uniform(-0.008, 0.008, (len(move), 3)) * [1, 0, 1]
+    for a, m, b in ((0, 4, 1), (1, 5, 2), (2, 6, 3), (3, 7, 0)):
+        skewed[model.elements[:, m]] = 0.5 * (skewed[model.elements[:, a]] + skewed[model.elements[:, b]])
+    strain = 1e-4
+    u = np.zeros((len(skewed), 6))
+    u[:, 0], u[:, 2] = -steel.poisson * strain * skewed[:, 0], strain * skewed[:, 2]
+    force = (shell_stiffness(replace(model, nodes=skewed), steel) @ u.ravel()).reshape(-1, 6)
+    pull = steel.youngs_pa * strain * 0.1 * 0.01
+    assert force[model.last, 2].sum() == pytest.approx(pull, rel=1e-9)
+    assert np.abs(force[inner]).max() < 1e-9 * pull

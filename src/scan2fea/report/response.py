@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from scan2fea.verification.response import MEMBER_CHECKS
 Row = Mapping[str, Any]
 QUANTILE = 0.99  # of the nodes away from singular places: the end of the scale
 LISTED_SETS = 40
+SHELL = "shell_"  # begins the names of the cases that a model of shells was solved for
 # check, cases, measures: the check whose limit their relative error has to keep
 JUDGED = (
     ("response.weight", ("self_weight",), ("reaction_n",)),
@@ -35,7 +36,8 @@ def response_section(item: Row) -> Html:
     """The load cases: what was computed and how far it is known, what was expected, by how much they differ."""
     fea = item.get("fea") or {}
     limits = {str(check.get("name")): check.get("limit") for check in item.get("checks") or []}
-    rows = [_case_row(case, limits) for case in fea.get("cases") or []]
+    cases = fea.get("cases") or []
+    rows = [_case_row(case, limits) for case in cases if not str(case.get("name")).startswith(SHELL)]
     frequencies = [f"{number(f)} Hz" for f in fea.get("frequencies_hz") or [] if is_number(f)][:6]
     modes = tag("p", f"Elastic frequencies of the free body: {', '.join(frequencies)}.") if frequencies else NOTHING
     told = tag("p", f"Solved by: {fea['solver']}; {count(fea.get('dof'))} unknowns.") if fea.get("solver") else NOTHING
@@ -44,7 +46,26 @@ def response_section(item: Row) -> Html:
     if not rows:
         return missing
     answers = table(("load case: measure", "value", "expected", "error", "verdict"), rows)
-    return section("Response", _sentence(item), missing, answers, modes, told, _singular(fea), _sets(fea), class_="part response")
+    more = (_three_models(cases), modes, told, _singular(fea), _sets(fea))
+    return section("Response", _sentence(item), missing, answers, *more, class_="part response")
+
+
+def _three_models(cases: Sequence[Row]) -> Html:
+    """The last end of a member under the same loads, by its solid, as shells and as a beam: where they part, the cheap ones leave something out."""
+    solid = {(case.get("name"), case.get("measure")): case for case in cases}
+    rows = []
+    for shell in cases:
+        name, measure, unit = str(shell.get("name")), shell.get("measure"), str(shell.get("unit") or "")
+        of = solid.get((name.removeprefix(SHELL), measure))
+        if not name.startswith(SHELL) or of is None:
+            continue
+        cells = [figure_cell(quantity(value, unit), how) for value, how in ((of.get("value"), "solid"), (shell.get("value"), "shells"))]
+        beam = figure_cell(quantity(of.get("expected"), unit), "beam")
+        rows.append([f"{check_name(name.removeprefix(SHELL))}: {measure_name(measure)}", *cells, beam])
+    if not rows:
+        return NOTHING
+    head = ("the last end moves by", "solid (model.inp)", "shells (model_shell.inp)", "beam (model_beam.inp)")
+    return tag("div", tag("h4", "Three models"), table(head, rows))
 
 
 def _case_row(case: Row, limits: Row) -> list[Any]:

@@ -44,12 +44,10 @@ def cells_by_parts(xyz: FloatArray, edge: float) -> tuple[IntArray, FloatArray, 
     cell, number = np.empty(n, np.int64), np.empty(n, np.uint32)
     n_cells = _cells(part, row, begin, edge, cell, number)
     _numbered(cell)
-    at = cell[row[:n_cells]]
-    mean = np.empty((n_cells, 3))
-    mean[at] = part[:n_cells]
+    mean, first, count = np.empty((n_cells, 3)), np.empty(n_cells, np.int64), np.empty(n_cells, np.int64)
+    _ordered_means(part, row, cell, mean)
     del part
-    first, count = np.empty(n_cells, np.int64), np.empty(n_cells, np.int64)
-    first[at], count[at] = row[:n_cells], number[:n_cells]
+    _ordered_counts(row, number, cell, first, count)
     return cell, mean, first, count
 
 
@@ -135,3 +133,17 @@ def _numbered(cell: IntArray) -> None:
             n += 1
         else:
             cell[i] = cell[cell[i]]
+
+
+@jit
+def _ordered_means(part: FloatArray, row: Rows, cell: IntArray, mean: FloatArray) -> None:
+    for c in range(len(mean)):
+        k = cell[row[c]]
+        mean[k, 0], mean[k, 1], mean[k, 2] = part[c, 0], part[c, 1], part[c, 2]
+
+
+@jit
+def _ordered_counts(row: Rows, number: Rows, cell: IntArray, first: IntArray, count: IntArray) -> None:
+    for c in range(len(first)):
+        k = cell[row[c]]
+        first[k], count[k] = row[c], number[c]

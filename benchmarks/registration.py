@@ -1,6 +1,6 @@
 """Registration on real and simulated scans: success, error and CPU seconds, beside other libraries where they are installed.
 
-    SCAN2FEA_DATA=DATA python benchmarks/registration.py [CASE...]        cases: bunny kitti 3dmatch gicp pcl demo
+    SCAN2FEA_DATA=DATA python benchmarks/registration.py [CASE...]        cases: bunny kitti 3dmatch gicp car demo pcl
 
 Peers are used where they can be imported (never in the project's own environment): small_gicp (point to plane and GICP from 4
 degrees and 3 edges off), kiss-matcher and open3d (pairs without a start).
@@ -57,6 +57,14 @@ def match3d() -> tuple[list[Scan], list[FloatArray]]:
 def gicp_pair() -> tuple[list[Scan], list[FloatArray]]:
     at = folder() / "small_gicp"
     return [read_scan(at / name).scan for name in ("target.ply", "source.ply")], [np.eye(4), np.loadtxt(at / "T_target_source.txt")]
+
+
+def car() -> tuple[list[Scan], list[FloatArray]]:
+    """The reference transform is libpointmatcher's own answer; it takes the first cloud to the second."""
+    at = folder() / "libpointmatcher"
+    names = ("car_cloud400.csv", "car_cloud401.csv")
+    scans = [read_scan(at / name).scan for name in names]
+    return scans, [np.eye(4), inverse(np.loadtxt(at / "defaultIdentityDataPointsFilter.ref_trans"))]
 
 
 def demo() -> tuple[list[Scan], list[FloatArray]]:
@@ -258,7 +266,7 @@ def pcl() -> None:
             print(f"  {link.target}-{link.source} {told} {link.reason}")
 
 
-CASES = {"bunny": bunny, "kitti": kitti, "3dmatch": match3d, "gicp": gicp_pair, "demo": demo}
+CASES = {"bunny": bunny, "kitti": kitti, "3dmatch": match3d, "gicp": gicp_pair, "car": car, "demo": demo}
 
 
 def main(names: Sequence[str]) -> None:

@@ -39,10 +39,12 @@ class Extent(Value):
         """Where the axis begins and ends."""
         return self.middle + self.low[2] * self.axis, self.middle + self.high[2] * self.axis
 
-    def holds(self, points: FloatArray, margin: float) -> BoolArray:
-        """(n,) which points are in the box, widened by the margin."""
+    def holds(self, points: FloatArray, margin: float, *, to_ends: bool = False) -> BoolArray:
+        """(n,) which points are in the box, widened by the margin; to_ends : along the axis also by the tails that the box leaves out."""
         local = (points - self.middle) @ self.frame.T
-        return np.asarray(((local >= self.low - margin) & (local <= self.high + margin)).all(axis=1))
+        wider = np.full(3, margin)
+        wider[2] += _TAIL / (1 - 2 * _TAIL) * self.length if to_ends else 0.0
+        return np.asarray(((local >= self.low - wider) & (local <= self.high + wider)).all(axis=1))
 
 
 def extent_of(points: FloatArray, normals: FloatArray) -> Extent:

@@ -275,7 +275,7 @@ def _side_by_side(thin: _Thin, group: IntArray, extents: list[Extent]) -> list[t
         one, other = extents[p], extents[q]
         is_along = one.length <= other.length and n * GAP * thin.h >= _ALONG * one.length
         if is_along and one.length < _SHORT * other.length:  # a stiffener is part of the member, a bracket on its face is not
-            is_along = bool(other.holds(thin.points[group == p], _LINK * thin.h).mean() >= _INSIDE)
+            is_along = bool(other.holds(thin.points[group == p], _LINK * thin.h, to_ends=True).mean() >= _INSIDE)
         if is_along:
             along[p] = max(along.get(p, (0, 0.0, 0)), (n, other.length, q))
         elif p < q and _in_line(one, other):
@@ -375,7 +375,7 @@ def _filled(thin: _Thin, member: IntArray, extents: list[Extent]) -> IntArray:
     if not len(left):
         return labels
     labels[left] = member[on[k_nearest(thin.points[on], 1, thin.points[left])[1][:, 0]]]
-    out = left[~np.any([extent.holds(thin.points[left], thin.h) for extent in extents], axis=0)]
+    out = left[~np.any([extent.holds(thin.points[left], thin.h, to_ends=True) for extent in extents], axis=0)]
     if len(out):
         part = radius_components(thin.points[out], _LINK * thin.h)
         for p in np.flatnonzero(np.bincount(part) >= _LEAST_PIECE):

@@ -1,14 +1,20 @@
 """Logs of motion sensors: names, units, and rows that cannot be used."""
 
+import os
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from scan2fea.errors import FormatError, InputError
 from scan2fea.io.motion_log import INERTIAL, POSES, POSITIONS, RANGES, kind_of_log, read_inertial, read_positions, read_ranges
 from scan2fea.io.nmea import read_nmea
+from scan2fea.io.pcap import packet_header, pcap_header, record_header
 from scan2fea.kernel.geodesy import earth_centred, east_north_up, gravity
 
 G = 9.80665
+MONTEREY = Path(os.environ.get("SCAN2FEA_DATA", Path(__file__).parents[2] / "../shared/data")) / "velodyne/monterey-first-100-packets.pcap"
+real = pytest.mark.skipif(not MONTEREY.is_file(), reason="the real captures are not here (SCAN2FEA_DATA)")
 
 
 def inertial_csv(path, head="time_s,ax_m_s2,ay_m_s2,az_m_s2,gx_rad_s,gy_rad_s,gz_rad_s", rows=None, scale=(1.0, 1.0)):
@@ -102,6 +108,35 @@ def test_nmea(tmp_path):
     np.testing.assert_allclose(rows[0, 1:], [48 + 7.038 / 60, 11 + 31 / 60, 592.3])
     assert "1 sentences with a wrong checksum were left out" in notes and "1 sentences without a fix were left out" in notes
     assert kind_of_log(tmp_path / "a.nmea") == POSITIONS
+
+
+def capture(path, *sentences):
+    content = pcap_header()
+    for k, text in enumerate(sentences):
+        for _ in range(3):  # repeated until the next comes
+            head = packet_header(512, 8308)
+            content += record_header(k, len(head) + 512) + head + bytes(206) + (text.encode() + b"\r\n").ljust(306, b"\0")
+    path.write_bytes(content)
+    return path
+
+
+def test_nmea_in_the_position_packets_of_a_capture(tmp_path):
+    here, lost = "$GPRMC,220632,A,3707.8324,N,12139.2864,W,000.0,144.7,111212,013.8,E,D*09", "$GPRMC,220632,V,,,,,,,111212,,,N"
+    with pytest.raises(FormatError, match="holds 1 sentences GGA or RMC with a fix"):
+        read_positions(capture(tmp_path / "a.pcap", here, lost, ""))
+    path = capture(tmp_path / "b.pcap", here, lost, "$GPRMC,220633,A,3707.8424,N,12139.2864,W", "$GPRMC,220634,A,3707.8424,N,12139.2864,W*00")
+    assert kind_of_log(path) == POSITIONS
+    found = read_positions(path)
+    assert found.value.time_s.tolist() == [79592.0, 79593.0]
+    np.testing.assert_allclose(found.value.position[1], [0.0, 18.5, 0.0], atol=0.05)  # a hundredth of a minute of latitude
+    assert found.value.sigma_m[0].tolist() == [3.0, 3.0, 100.0] and "no height" in " ".join(found.notes)
+
+
+@real
+def test_the_receiver_of_a_real_capture_stands_still():
+    found = read_positions(MONTEREY)
+    assert len(found.value) == 2 and np.ptp(found.value.time_s) == 1.0
+    assert not found.value.position.any() and np.degrees(found.value.origin[0]) == pytest.approx(37 + 7.8324 / 60)
 
 
 def test_ranges_and_poses(tmp_path):

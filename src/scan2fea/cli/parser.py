@@ -182,7 +182,7 @@ def _add_poses(command: argparse.ArgumentParser) -> None:
 
 def _add_motion(command: argparse.ArgumentParser) -> None:
     command.add_argument("--imu", metavar="FILE", help="inertial log of the scanner: with --gps it tells the motion of a capture [fusion.imu]")
-    command.add_argument("--gps", metavar="FILE", help="log of the satellite receiver (csv or NMEA) [fusion.gps]")
+    command.add_argument("--gps", metavar="FILE", help="log of the satellite receiver (csv, NMEA, or a .pcap) [fusion.gps]")
 
 
 def _add_member(command: argparse.ArgumentParser, what: str) -> None:

@@ -11,14 +11,15 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from scan2fea.errors import FormatError, InputError, require
-from scan2fea.io.nmea import is_nmea, read_nmea
+from scan2fea.io.nmea import holds_nmea, read_nmea
 from scan2fea.io.planar_scan import planar_columns
-from scan2fea.io.table import Table, head_of, read_table
+from scan2fea.io.table import Table, read_table
 from scan2fea.kernel.geodesy import STANDARD_GRAVITY, east_north_up
 from scan2fea.types import BoolArray, FloatArray, InertialLog, IntArray, PositionLog, RangeLog
 
 T = TypeVar("T")
 INERTIAL, POSITIONS, RANGES, POSES = "inertial", "positions", "ranges", "poses"
+NO_HEIGHT_M = (3.0, 3.0, 100.0)  # standard deviations of a place whose height is not told
 GAP_STEPS, GAP_S = 10.0, 0.05  # a step that is longer than both (of the median) is a gap
 _MOST_DISORDER = 0.1
 _FASTEST = math.radians(2000.0)  # what gyroscopes of this kind measure at most
@@ -52,8 +53,7 @@ class Read(Generic[T]):
 
 def kind_of_log(path: Path) -> str:
     """INERTIAL, POSITIONS, RANGES or POSES (eight numbers a line, without names), by content. Raises FormatError for anything else."""
-    lines = head_of(path)
-    if is_nmea(lines):
+    if holds_nmea(path):
         return POSITIONS
     table = read_table(path)
     if _triple(table.names, "rate") is not None:
@@ -97,13 +97,17 @@ def read_inertial(path: Path, angle_unit: str = "auto") -> Read[InertialLog]:
 
 
 def read_positions(path: Path) -> Read[PositionLog]:
-    """Positions in metres, or latitude, longitude (degrees) and height made metres east, north and up of the first. NMEA: its GGA sentences.
+    """Positions in metres, or latitude, longitude (degrees) and height made metres east, north and up of the first. NMEA: of a text or a capture.
 
     Raises FormatError for missing columns, InputError for angles that are none.
     """
-    if is_nmea(head_of(path)):
+    if holds_nmea(path):
         rows, notes = read_nmea(path)
         sigma = None
+        if np.isnan(rows[:, 3]).any():
+            rows = np.c_[rows[:, :3], np.zeros(len(rows))]
+            sigma = np.tile(NO_HEIGHT_M, (len(rows), 1))
+            notes = (*notes, f"its sentences (RMC) hold no height: level ground within {NO_HEIGHT_M[2]:.0f} m is assumed")
     else:
         table = read_table(path)
         lower = [name.lower() for name in table.names]

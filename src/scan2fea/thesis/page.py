@@ -20,9 +20,13 @@ CHAPTERS = {
 }  # fmt: skip
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
 STYLE = """
-main{max-width:1180px} section.x{margin:1.6rem 0;border-top:1px solid #d5d9dd;padding-top:.6rem} section.x img{max-width:100%;height:auto}
-.x table{font-size:.82rem} .x .fail{color:#a3261a} .wide{overflow-x:auto} nav a{margin-right:.6rem}
+main{max-width:1440px} section.x{margin:1.6rem 0;border-top:1px solid #d5d9dd;padding-top:.6rem} section.x img{max-width:100%;height:auto}
+.x table{font-size:.8rem} .x td,.x th{padding:.25rem .35rem} .x td:last-child:not(.n){min-width:11rem} .x .fail{color:var(--bad)}
+.x>p{max-width:62rem} .wide{overflow-x:auto} nav a{margin-right:.6rem}
 tr.published td{background:#f3f1e8} tr.best td{background:#e8f1ea}
+@media screen and (prefers-color-scheme:dark){tr.published td{background:#35322a} tr.best td{background:#1d3528}}
+@media screen and (max-width:760px){.x td:not(.n){min-width:6.5rem}}
+@media print{.x table{font-size:6pt} .x td,.x th{padding:.2mm .5mm} .x td:last-child:not(.n){min-width:0} tr,img{break-inside:avoid}}
 """
 
 
@@ -64,8 +68,8 @@ def _top(made: Mapping[str, Made], options: ThesisOptions) -> Html:
         tag("p", f"scan2fea {__version__}, seed {options.seed}", class_="kicker"),
         tag("h1", "The thesis, reproduced"),
         tag("p", source() + "."),
-        tag("p", f"{said}. {quick}{clock}Numbers of the thesis are marked published; every other number on this page was computed by this run. "
-                 "'Same method' is the thesis's own chain, 'best route' what `scan2fea run` does with the same cloud."),
+        _sentence(f"{said}. {quick}{clock}Numbers of the thesis are marked published; every other number on this page was computed by this run. "
+                  "'Same method' is the thesis's own chain, 'best route' what `scan2fea run` does with the same cloud."),
         tag("nav", *links),
     )  # fmt: skip
 
@@ -80,8 +84,13 @@ def _block(experiment: Experiment, made: Made) -> Html:
         content.append(tag("img", src=data, alt=f"{experiment.title}. {' '.join(made.says)}"[:400]))
     if made.table is not None:
         content.append(tag("div", _table(made.table), class_="wide"))
-    content += [tag("p", text) for text in made.says]
+    content += [_sentence(text) for text in made.says]
     return tag("section", *content, class_="x", id=experiment.id)
+
+
+def _sentence(text: str) -> Html:
+    """A paragraph; what stands between backticks is code."""
+    return tag("p", *(tag("code", part) if k % 2 else part for k, part in enumerate(text.split("`"))))
 
 
 def _table(given: Table) -> Html:

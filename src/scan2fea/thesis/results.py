@@ -149,7 +149,7 @@ def _why(bench: Bench, case: str, p: Printed, m: Measured, reason: str) -> Itera
             "not tell."
         )
     if p.shells != m.n_shells:
-        yield f"{label}: {m.n_shells} shells here, {p.shells} in the thesis."
+        yield f"{label}: {m.n_shells} shell{'s' * (m.n_shells != 1)} here, {p.shells} in the thesis."
 
 
 def largest_part(mesh: TriangleMesh) -> tuple[TriangleMesh, int]:

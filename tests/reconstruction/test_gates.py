@@ -9,7 +9,7 @@ from scan2fea.kernel.measures import area, face_normals, volume
 from scan2fea.reconstruction import visibility
 from scan2fea.reconstruction.evidence import Evidence, at_least, at_most, scatter_m, wall_m
 from scan2fea.reconstruction.gates import failed, gates_seen
-from scan2fea.reconstruction.gates_surface import RIM_LOSS, coverage, mean_curvature, merged, mixed, patch_moments, resolution, rims
+from scan2fea.reconstruction.gates_surface import RIM_LOSS, SHEET, coverage, mean_curvature, merged, mixed, patch_moments, resolution, rims, sheet
 from scan2fea.reconstruction.hidden_volume import REACH, REACH_UNSEEN, hidden_volume
 from scan2fea.types import PointCloud, Scan
 from scanned import DENSITY
@@ -172,6 +172,15 @@ def test_a_plane_is_refused():
     rng = np.random.default_rng(0)
     found = unseen(np.column_stack([rng.random((3000, 2)), 0.002 * rng.normal(size=3000)]))
     assert "open on both sides" in names(found)
+
+
+def test_an_open_sheet_is_told_and_a_wall_is_not():
+    """2 V / A of a plate of thickness t is t (1 - t) for a square of 1 beside it, nearly: on both sides of a tenth of the spacing."""
+    for thickness, told in ((0.0039, True), (0.0042, False)):
+        mesh = box((1.0, 1.0, thickness))
+        checks = sheet(evidence_of(mesh, *sampled(mesh, 0.04), spacing_m=0.04))
+        assert [check.name for check in checks] == [SHEET] * told
+        assert all("one open sheet" in check.says and "other side was not seen" in check.says for check in checks)
 
 
 def test_five_sides_of_a_box_are_refused():

@@ -1,6 +1,9 @@
 import numpy as np
 
-from scan2fea.reconstruction.thin import thinned
+from predicates import sphere
+from scan2fea.kernel.distances import sample_surface
+from scan2fea.reconstruction import reconstruct
+from scan2fea.reconstruction.thin import distinct, thinned
 from scan2fea.types import PointCloud, Rays, Scan
 
 
@@ -14,6 +17,20 @@ def sheet(n):
 def test_on_the_threshold_nothing_is_done():
     scan = sheet(500)
     assert thinned(scan, 500) is scan
+
+
+def test_of_points_in_one_place_the_first_stays():
+    scan = sheet(500)
+    assert distinct(scan) is scan
+    rows = np.r_[np.arange(500), 17, np.arange(100), 17]
+    once = distinct(Scan(cloud=scan.cloud.take(rows), rays=scan.rays))
+    assert np.array_equal(once.cloud.points, scan.cloud.points) and len(once.rays) == 500
+
+
+def test_points_given_three_times_give_the_surface_of_those_given_once():
+    points = sample_surface(sphere(1.0), 900, 0)[0]
+    once, thrice = (reconstruct(Scan(cloud=PointCloud.of(cloud))) for cloud in (points, np.tile(points, (3, 1))))
+    assert np.array_equal(once.mesh.vertices, thrice.mesh.vertices) and np.array_equal(once.mesh.faces, thrice.mesh.faces)
 
 
 def test_points_are_picked_never_moved_and_spread_evenly():

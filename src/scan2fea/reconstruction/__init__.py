@@ -11,7 +11,7 @@ from scan2fea.reconstruction.advancing_front import FrontOptions, advancing_fron
 from scan2fea.reconstruction.ball_pivoting import PivotOptions, ball_pivoting
 from scan2fea.reconstruction.planar import planar, served
 from scan2fea.reconstruction.scale_space import ScaleSpaceOptions, scale_space
-from scan2fea.reconstruction.thin import thinned
+from scan2fea.reconstruction.thin import distinct, thinned
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
 from scan2fea.types import Scan
 
@@ -34,7 +34,7 @@ class ReconstructionOptions(ScaleSpaceOptions, FrontOptions, PivotOptions):
 def reconstruct(scan: Scan, options: ReconstructionOptions = ReconstructionOptions()) -> Reconstruction:
     """The closed surface of one object by `options.method`. Raises UsageError for an unknown method, ReconstructionError where there is none."""
     require(options.method in METHODS, UsageError, f"reconstruction.method {options.method!r}: use one of {', '.join(METHODS)}")
-    fewer = thinned(scan, options.max_points)
+    fewer = thinned(distinct(scan), options.max_points)
     found = METHODS[options.method](fewer, options)
     return served(fewer, found, options.seed) if options.flat and options.method == "visibility" else found
 

@@ -129,7 +129,8 @@ def cut(
         if held >= HELD:
             return Cut(inside=inside, votes=votes, quality_weight=quality_weight, held=held)
         quality_weight *= 0.5
-    require(inside.any(), ReconstructionError, "the sight lines leave nothing inside: are the normals or the sensor positions wrong?")
+    says = "the sight lines leave nothing inside: is it an open sheet seen from one side, or are the normals or the sensor positions wrong?"
+    require(inside.any(), ReconstructionError, says)
     return Cut(inside=inside, votes=votes, quality_weight=2.0 * quality_weight, held=held)
 
 

@@ -14,7 +14,7 @@ from scan2fea.kernel.measures import face_normals
 from scan2fea.reconstruction.budget import VOLUME_IN_DOUBT, volume_in_doubt
 from scan2fea.reconstruction.evidence import Evidence, Unseen, scatter_m, wall_m
 from scan2fea.reconstruction.gates_outside import both_faces, cut_agrees, open_inside, signs_agree, winding_agrees
-from scan2fea.reconstruction.gates_surface import coverage, deviation, merged, mixed, patch_moments, resolution, rims, solid_core, stray
+from scan2fea.reconstruction.gates_surface import coverage, deviation, merged, mixed, patch_moments, resolution, rims, sheet, solid_core, stray
 from scan2fea.reconstruction.hidden_volume import REACH, REACH_UNSEEN, hidden_volume
 from scan2fea.reconstruction.wall_ends import wall_ends
 from scan2fea.types import Check
@@ -32,6 +32,7 @@ def gates_seen(evidence: Evidence, held: float) -> tuple[Check, ...]:
     sigma = scatter_m(evidence, nearest.distance)
     limit = DEVIATION_SEEN * (sigma + QUIET * evidence.spacing_m)
     return in_all(
+        *sheet(evidence),
         *resolution(evidence),
         *rims(evidence),
         *coverage(evidence, UNMEASURED_SEEN, sigma),

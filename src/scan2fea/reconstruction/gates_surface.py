@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from scan2fea.kernel.coverage import unmeasured_share
-from scan2fea.kernel.measures import face_normals, volume
+from scan2fea.kernel.measures import face_areas, face_normals, volume
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.topology import edge_table, half_edges
 from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, MIXED
@@ -18,6 +18,7 @@ from scan2fea.types import Check, FloatArray, TriangleMesh
 NOISE_OVER_WALL = 0.35  # above, the two faces of a wall mix: volume and thickness go wrong
 NOISE_UNSIDED = 0.2  # the same where no sensor says on which face a point lies: then points between the faces no longer tell where a wall ends
 SPACING_OVER_WALL = 1.1
+SHEET, LEAST_THICK = "thickness of a sheet", 0.1  # spacings: walls below 1 / SPACING_OVER_WALL are refused in any case
 RIM_NOISE = 0.05  # of the volume that noise adds at rims, foretold: a simulated scan foretold 7.6 % was 8.9 % off
 RIM_SPACING = 0.05  # of the volume that the spacing cuts off at rims
 RIM_LOSS = 0.28  # h^2 per unit of mean curvature: what a surface through random points cuts off a square edge (0.22 h^2 per length)
@@ -30,6 +31,17 @@ CORE_KURTOSIS = 2.3  # two sheets +-t/2 with noise 0.3 t: 1.9; one sheet: 2.8 ov
 PATCH = 32
 SAME_FACE = 0.8  # cosine within a patch
 SAMPLES = 6000
+
+
+def sheet(evidence: Evidence) -> tuple[Check, ...]:
+    """Do the points enclose a solid? Told only of a surface thinner than any wall that this spacing can tell: 2 V / A of a sheet is nothing."""
+    thick = 2.0 * abs(volume(evidence.mesh)) / float(face_areas(evidence.mesh).sum())
+    says = (
+        f"the points lie on one open sheet and enclose no solid ({mm(thick)} thick, points {mm(evidence.spacing_m)} apart): its other side was not "
+        "seen; scan it too, or fit the member"
+    )
+    check = at_least(SHEET, thick / evidence.spacing_m, LEAST_THICK, says)
+    return () if check.passed else (check,)
 
 
 def resolution(evidence: Evidence) -> tuple[Check, ...]:
@@ -89,7 +101,8 @@ def rims(evidence: Evidence) -> tuple[Check, ...]:
         EDGES_CUT,
         lost,
         RIM_SPACING,
-        f"points {mm(evidence.spacing_m)} apart cut about {lost:.1%} of the volume off its edges (limit {RIM_SPACING:.0%}): scan more densely",
+        f"points {mm(evidence.spacing_m)} apart cut about {min(lost, 1.0):.1%} of the volume off its edges (limit {RIM_SPACING:.0%}): "
+        "scan more densely",
     )
     if not math.isfinite(wall):
         return (cut,)

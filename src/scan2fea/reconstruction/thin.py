@@ -1,4 +1,4 @@
-"""Fewer points where a scan is denser than its surface needs: the cost of the cut grows with every one."""
+"""Fewer points where a scan is denser than its surface needs: none twice, and no more than a surface is worth: the cost grows with every one."""
 
 from __future__ import annotations
 
@@ -11,6 +11,17 @@ from scan2fea.kernel.voxels import voxel_mean
 from scan2fea.types import Scan
 
 TRIES = 12
+
+
+def distinct(scan: Scan) -> Scan:
+    """The scan itself, or the first of its points in each place where several coincide: copies tell nothing, and make the rest seem far apart."""
+    points = scan.cloud.points
+    order = np.lexsort(points.T)
+    is_copy = np.zeros(len(points), bool)
+    is_copy[order[1:]] = (points[order[1:]] == points[order[:-1]]).all(axis=1)  # the sort is stable: the first of a place comes first
+    if not is_copy.any():
+        return scan
+    return Scan(cloud=scan.cloud.take(np.flatnonzero(~is_copy)), rays=scan.rays).compact()
 
 
 def thinned(scan: Scan, max_points: int) -> Scan:

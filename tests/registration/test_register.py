@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -5,7 +7,7 @@ from scipy.spatial import cKDTree
 from scan2fea.kernel.transforms import inverse, random_rotation, rigid, rotation_about
 from scan2fea.registration.icp import icp
 from scan2fea.registration.quality import judge
-from scan2fea.registration.register import register
+from scan2fea.registration.register import motions, register
 from scan2fea.registration.surface import common_edge, surface_of
 from scan2fea.types import PointCloud, Scan
 from workpiece import errors, scaled, seen_from
@@ -86,6 +88,9 @@ def test_a_plane_on_a_plane_leaves_three_motions_open():
     for motion in np.eye(6)[[2, 3, 4]]:  # turning about z and sliding along x and y are in their span
         assert np.linalg.norm(slides.T @ (slides @ motion) - motion) < 0.1
     assert np.linalg.norm(slides @ np.eye(6)[5]) < 0.1  # z is told
+    for seed in range(5):  # whichever directions of the open space were found
+        mixed = replace(quality, open_directions=random_rotation(seed) @ slides)
+        assert motions(mixed) == "it slides in 2 directions, it turns about 1 axis"
 
 
 def test_a_bent_strip_slides_along_its_straight_direction_alone():

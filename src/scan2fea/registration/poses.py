@@ -120,18 +120,19 @@ def _quaternion_pose(path: Path, line: int, words: Sequence[str], conjugate: boo
     return rigid(R.T if conjugate else R, values[:3])
 
 
-def _numbers(path: Path, line: int, words: Sequence[str]) -> FloatArray:
+def _numbers(path: Path, line: int, words: Sequence[str], hint: str = "") -> FloatArray:
     try:
         values = np.array([float(word) for word in words])
     except ValueError as error:
-        raise FormatError(f"{path}, line {line}: {error}") from error
+        raise FormatError(f"{path}, line {line}: {error}{hint}") from error
     require(np.isfinite(values).all(), FormatError, f"{path}, line {line}: holds a number that is not finite")
     return values
 
 
 def _rows(path: Path, lines: Sequence[tuple[int, list[str]]]) -> list[FloatArray]:
     """Poses of a file of plain numbers: 8 a row (TUM), 12 a row (KITTI) or 4 x 4."""
-    rows = [(i, _numbers(path, i, words)) for i, words in lines]
+    hint = "; a row of poses holds numbers alone, or begins with bmesh NAME (bun.conf) or v_NUMBER (graph.txt)"
+    rows = [(i, _numbers(path, i, words, hint)) for i, words in lines]
     widths = {len(values) for _, values in rows}
     fits = len(widths) == 1 and widths <= {4, 8, 12, 16}
     require(fits, FormatError, f"{path}: rows of {sorted(widths)} numbers; poses have 4 (x 4 rows), 8, 12 or 16")

@@ -140,7 +140,7 @@ def why_not(quality: Quality, converged: bool) -> str:
     if quality.blocked > MOST_BLOCKED:
         return f"{quality.blocked:.0%} of the points would stand in the way of the other station's rays; {MOST_BLOCKED:.0%} is allowed"
     if quality.is_degenerate:
-        return f"the shared surface leaves {len(quality.open_directions)} of 6 motions open ({_motions(quality)})"
+        return f"the shared surface leaves {len(quality.open_directions)} of 6 motions open ({motions(quality)})"
     return "" if converged else "the refinement does not settle"
 
 
@@ -149,8 +149,9 @@ def is_sure(quality: Quality) -> bool:
     return quality.consistency >= SURE_CONSISTENCY and quality.overlap >= SURE_OVERLAP
 
 
-def _motions(quality: Quality) -> str:
-    turns = sum(float(np.linalg.norm(d[:3])) > 0.7 for d in quality.open_directions)
+def motions(quality: Quality) -> str:
+    # the directions of one open space may be any of it: what turns is the rank of their rotations, not each one's share
+    turns = int((np.linalg.svd(quality.open_directions[:, :3], compute_uv=False) > 0.5).sum())
     slides = len(quality.open_directions) - turns
     said = [f"it slides in {slides} direction{'s' if slides > 1 else ''}"] if slides else []
     return ", ".join(said + ([f"it turns about {turns} {'axes' if turns > 1 else 'axis'}"] if turns else []))

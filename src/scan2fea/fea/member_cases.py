@@ -6,7 +6,6 @@ standard deviation that the dimensions leave it.
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -25,8 +24,6 @@ from scan2fea.fea.linear import Shared, StaticSolver
 from scan2fea.fea.options import FeaOptions
 from scan2fea.fea.restrain import rigid_fields
 from scan2fea.fea.section_properties import SectionProperties, properties_of
-from scan2fea.fea.shell import shell_model
-from scan2fea.fea.shell_static import shell_cases
 from scan2fea.fea.static import figure
 from scan2fea.fea.strain import at_nodes, von_mises
 from scan2fea.fea.surfaces import Surface, spread_force, spread_moment, surface
@@ -97,8 +94,6 @@ def member_cases(
     bent_or_twisted = np.stack([field.displacement_m for field in fields[1:]])  # it buckles much like that
     factors, _ = buckling_factors(press, solver, held, bent_or_twisted)
     load = float(factors[0]) * bench.force_n if len(factors) else float("nan")
-    with contextlib.suppress(SolveError):  # thick walls and bars make no shells, and have no deck of them either
-        out += shell_cases(shell_model(member), model.material, bench.force_n)
     out.append(figure("buckling", "buckling_n", "N", load, beam_buckling_load(p, model.material, bench.length_m), std_of(found, "buckling_n", load)))
     return out, fields
 

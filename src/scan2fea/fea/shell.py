@@ -140,11 +140,16 @@ def _chains(family: str, d: Mapping[str, float]) -> tuple[list[FloatArray], list
     return lines, [t for _, t in walls]
 
 
+def end_arms(model: ShellModel) -> FloatArray:
+    """(len(last), 3) what a unit turn about the member moves the nodes of its last end by, round their middle."""
+    at = model.nodes[model.last]
+    return np.cross(model.axes[:, 2], at - model.weight @ at)
+
+
 def end_forces(model: ShellModel, force_n: float) -> dict[str, FloatArray]:
     """Of each case of a member the forces (len(last), 3) on its last end: `force_n` along z, x, y of the section, and times 1 m about z."""
     x, y, z = model.axes.T
-    at = model.nodes[model.last]
-    arm = np.cross(z, at - model.weight @ at)
+    arm = end_arms(model)
     turn = model.weight[:, None] * arm / float(model.weight @ (arm**2).sum(axis=1))
     even = {"tension": z, "bend_x": x, "bend_y": y}
     return {name: force_n * model.weight[:, None] * v for name, v in even.items()} | {"torsion": force_n * turn}

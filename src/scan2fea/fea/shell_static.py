@@ -7,14 +7,16 @@ a node: three displacements and three turns, so that walls meet at any angle.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 from scipy.sparse.linalg import splu
 
 from scan2fea.errors import SolveError, require
-from scan2fea.fea.shell import ShellModel, end_forces
+from scan2fea.fea.shell import ShellModel, end_arms, end_forces, shell_model
 from scan2fea.fea.static import figure
-from scan2fea.types import CaseResult, FloatArray, Material
+from scan2fea.types import CaseResult, FloatArray, Material, Member
 
 SHEAR = 5.0 / 6.0  # of the shear stiffness of an even stress across the wall
 DRILL = 1e-6  # of E t A: holds turns about the normal, which stiffen nothing, where all walls of a node lie in one plane
@@ -23,6 +25,17 @@ _CORNERS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (0, -1), (1, 0), (0, 1)
 _AT = 1.0 / np.sqrt(3.0)
 # components of the local gradient du_i / dx_j that make the strains 11, 22, 12, 13, 23
 _STRAINS = ((0, 0, 0), (1, 1, 1), (2, 0, 1), (2, 1, 0), (3, 0, 2), (3, 2, 0), (4, 1, 2), (4, 2, 1))
+
+
+def shells_beside(rows: Sequence[CaseResult], member: Member, material: Material, force_n: float) -> list[CaseResult]:
+    """`shell_cases` of a member whose solid was solved for the same cases; none where its walls make no shells. Raises SolveError as that."""
+    if not any(row.name == "tension" for row in rows):
+        return []
+    try:
+        model = shell_model(member)
+    except SolveError:  # bars and thick walls: they have no deck of shells either
+        return []
+    return shell_cases(model, material, force_n)
 
 
 def shell_cases(model: ShellModel, material: Material, force_n: float) -> list[CaseResult]:
@@ -40,8 +53,7 @@ def shell_cases(model: ShellModel, material: Material, force_n: float) -> list[C
     except RuntimeError as error:  # scipy's word for a singular matrix
         raise SolveError(f"the shells of the member are not held: {error}") from error
     out: list[CaseResult] = []
-    z, at = model.axes[:, 2], model.nodes[model.last]
-    arm = np.cross(z, at - model.weight @ at)
+    arm = end_arms(model)
     for k, name in enumerate(forces):
         u = moved[:, k].reshape(-1, 6)[model.last, :3]
         tip = model.axes.T @ (model.weight @ u)

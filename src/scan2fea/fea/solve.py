@@ -17,6 +17,7 @@ from scan2fea.fea.modes import GUARD, Modes, Products, first_guess, from_strains
 from scan2fea.fea.options import FeaOptions
 from scan2fea.fea.p_error import energy_of_error
 from scan2fea.fea.restrain import rigid_fields, three_points
+from scan2fea.fea.shell_static import shells_beside
 from scan2fea.fea.static import Statics, figure, solve_cases
 from scan2fea.fea.strain import energies
 from scan2fea.types import BoolArray, CaseResult, FEModel, FEResult, FloatArray, Member
@@ -128,6 +129,10 @@ def solve(model: FEModel, options: FeaOptions = FeaOptions(), member: Member | N
             fields += more
         except SolveError as error:
             failed["member"] = str(error)
+        try:
+            cases += shells_beside(cases, member, material, options.test_force_n)
+        except SolveError as error:
+            failed["shells"] = str(error)
     return FEResult(
         cases=tuple(cases),
         fields=tuple(fields),

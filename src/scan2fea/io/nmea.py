@@ -5,7 +5,7 @@ GGA is read (time of day, latitude, longitude, quality, height); where there is 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import reduce
 from pathlib import Path
 
@@ -24,7 +24,7 @@ _POSITION, _SENTENCE = 512, 206  # bytes of a position packet, and where its sen
 def holds_nmea(path: Path) -> bool:
     """True for a capture, and where the first line that is not blank begins with a dollar sign and a talker."""
     head = mapped(path)[: 1 << 10].tobytes() if existing_file(path) else b""
-    lines = head.split()
+    lines = head.removeprefix(b"\xef\xbb\xbf").split()
     return head[:4] in MAGIC or (bool(lines) and lines[0].startswith(b"$") and b"," in lines[0])
 
 
@@ -60,14 +60,19 @@ def read_nmea(path: Path) -> tuple[FloatArray, tuple[str, ...]]:
     return table[rising], (*notes, "times are seconds of the day (UTC)")
 
 
-def _sentences(path: Path) -> list[str]:
+def _sentences(path: Path) -> Iterable[str]:
     """The lines of a text; of a capture the sentence of each position packet, once (units repeat it until the receiver sends the next)."""
     content = mapped(path)
     if content[:4].tobytes() not in MAGIC:
-        return [line.strip() for line in content.tobytes().decode("ascii", "replace").splitlines()]
+        return _lines(path)
     starts, _ = datagrams(path, content, _POSITION)
     packets = (content[at + _SENTENCE : at + _POSITION].tobytes().split(b"\0")[0].strip() for at in starts.tolist())
     return list(dict.fromkeys(text.decode("ascii", "replace") for text in packets if text.startswith(b"$")))
+
+
+def _lines(path: Path) -> Iterator[str]:
+    with path.open(encoding="ascii", errors="replace") as handle:
+        yield from (line.strip() for line in handle)
 
 
 def _gga(fields: Sequence[str]) -> tuple[float, float, float, float] | None:

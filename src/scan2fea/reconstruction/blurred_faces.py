@@ -16,7 +16,7 @@ from scipy.special import log_ndtr
 from scan2fea.kernel.edges_distance import edges_distance
 from scan2fea.kernel.topology import edge_table, half_edges
 from scan2fea.reconstruction.plane_growing import Planes
-from scan2fea.types import FloatArray, IntArray, TriangleMesh
+from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
 
 STRAY = -0.5 * 3.5**2  # log density of a stray, against the middle of a face: as at 3.5 sigma
 ROUNDS, SETTLED = 40, 1e-3  # of sigma
@@ -55,10 +55,14 @@ def _near(
     plane = planes.plane(region // 2)
     outward = plane.normal * (1 - 2 * (region % 2))
     rows = np.flatnonzero((np.abs(plane.distance(points)) <= REACH * sigma_m) & (normals @ outward > 0.0))
-    faces = mesh.faces[mesh.face_region == region]
+    beyond = from_outline(mesh, np.asarray(mesh.face_region == region), plane.axes(), points[rows])
+    return rows, np.asarray(log_ndtr(-beyond / sigma_m))
+
+
+def from_outline(mesh: TriangleMesh, own: BoolArray, axes: FloatArray, places: FloatArray) -> FloatArray:
+    """(k,) distance of places (k, 3), along a plane, from the outline of one of its faces, negative inside. own : its triangles.   axes : (2, 3)."""
+    faces = mesh.faces[own]
     ends = half_edges(faces)[edge_table(faces).twin < 0]
-    axes = plane.axes()
     corners = np.ascontiguousarray(mesh.vertices @ axes.T)
     start = np.ascontiguousarray(corners[ends[:, 0]])
-    beyond = edges_distance(start, corners[ends[:, 1]] - start, np.ascontiguousarray(points[rows] @ axes.T))[0]
-    return rows, np.asarray(log_ndtr(-beyond / sigma_m))
+    return edges_distance(start, corners[ends[:, 1]] - start, np.ascontiguousarray(places @ axes.T))[0]

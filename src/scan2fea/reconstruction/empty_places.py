@@ -16,7 +16,7 @@ from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_areas, face_normals
 from scan2fea.kernel.primitives import Plane
 from scan2fea.kernel.rays import RayScene, first_hits, scene_of
-from scan2fea.kernel.topology import edge_table
+from scan2fea.reconstruction.blurred_faces import from_outline
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh
 
@@ -86,7 +86,8 @@ def _in_wall(
     density = sum(float(np.sum(of == number)) / float(areas[own].sum()) for number, own in zip(pair, faces, strict=True))
     middle, radius = _circles(flat)
     large = np.flatnonzero(math.pi * density * radius**2 >= least)
-    large = large[_clearance(mesh, region, faces, axes, middle[large]) >= WITHIN * radius[large]]
+    clearance = np.min([np.abs(from_outline(mesh, own, axes, middle[large] @ axes)) for own in faces], axis=0)
+    large = large[clearance >= WITHIN * radius[large]]
     large = large[_across(scene, region, plane, pair, middle[large], _hair(mesh))]
     kept: list[int] = []
     for k in large[np.argsort(-radius[large], kind="stable")]:
@@ -118,20 +119,6 @@ def _circles(flat: FloatArray) -> tuple[FloatArray, FloatArray]:
     uu, vv = (u**2).sum(axis=1), (v**2).sum(axis=1)
     off = np.stack([v[:, 1] * uu - u[:, 1] * vv, u[:, 0] * vv - v[:, 0] * uu], axis=1) / twice[:, None]
     return a + off, np.linalg.norm(off, axis=1)
-
-
-def _clearance(mesh: TriangleMesh, region: IntArray, faces: list[BoolArray], axes: FloatArray, places: FloatArray) -> FloatArray:
-    """(k,) distance of places (k, 2) from the outlines of the two faces of a wall."""
-    other = region[edge_table(mesh.faces).twin.reshape(-1, 3) // 3]
-    out = np.full(len(places), np.inf)
-    for own in faces:
-        face, side = np.nonzero(own[:, None] & (other != region[:, None]))
-        a, b = (mesh.vertices[mesh.faces[face, (side + k) % 3]] @ axes.T for k in (0, 1))
-        way = b - a
-        share = np.einsum("kec,ec->ke", places[:, None] - a, way) / np.maximum((way**2).sum(axis=1), np.finfo(float).tiny)
-        foot = a + np.clip(share, 0.0, 1.0)[..., None] * way
-        out = np.minimum(out, np.linalg.norm(places[:, None] - foot, axis=2).min(axis=1))
-    return out
 
 
 def _under(scene: RayScene, places: FloatArray, normal: FloatArray, hair: float) -> IntArray:

@@ -129,7 +129,7 @@ def _reconstruct(commands: Commands) -> None:
     reconstruct = commands.add_parser("reconstruct", help="the points of one file as one closed surface", allow_abbrev=False)
     _add_scan(reconstruct)
     reconstruct.add_argument("-o", "--out", required=True, metavar="OUT", help="folder for what is made")
-    methods = "visibility (default), planar, advancing_front, scale_space, ball_pivoting [reconstruction.method]"
+    methods = "visibility (default), planar, advancing_front, scale_space, ball_pivoting, poisson [reconstruction.method]"
     reconstruct.add_argument("--method", metavar="M", help=methods)
     _add_options(reconstruct)
 

@@ -10,6 +10,7 @@ from scan2fea.options import option
 from scan2fea.reconstruction.advancing_front import FrontOptions, advancing_front
 from scan2fea.reconstruction.ball_pivoting import PivotOptions, ball_pivoting
 from scan2fea.reconstruction.planar import planar, served
+from scan2fea.reconstruction.poisson import poisson
 from scan2fea.reconstruction.scale_space import ScaleSpaceOptions, scale_space
 from scan2fea.reconstruction.thin import distinct, thinned
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
@@ -21,6 +22,7 @@ METHODS: Mapping[str, Callable[[Scan, VisibilityOptions], Reconstruction]] = {
     "advancing_front": advancing_front,
     "scale_space": scale_space,
     "ball_pivoting": ball_pivoting,
+    "poisson": poisson,
 }
 
 
@@ -47,6 +49,7 @@ __all__ = [
     "advancing_front",
     "ball_pivoting",
     "planar",
+    "poisson",
     "reconstruct",
     "scale_space",
     "visibility",

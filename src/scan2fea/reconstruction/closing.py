@@ -20,7 +20,7 @@ from scan2fea.reconstruction.cut import Votes, cut
 from scan2fea.reconstruction.gates import Evidence, gates_again
 from scan2fea.reconstruction.singular import Resolved, boundary, resolve
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, one_part, visibility
-from scan2fea.types import BoolArray, FloatArray, IntArray, Scan, TriangleMesh, Value
+from scan2fea.types import BoolArray, Check, FloatArray, IntArray, Scan, TriangleMesh, Value
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -97,20 +97,7 @@ def closed_reconstruction(
     tetra = tetrahedralise(first.points, first.spacing_m, options.seed)
     pieces = mesher(tetra, first.normals, first.spacing_m)
     found = closed(tetra, pieces, first.normals, first.spacing_m, options.quality_weight)
-    evidence = Evidence(
-        points=scan.cloud.points,
-        mesh=found.mesh,
-        smoothed=first.points,
-        normals=first.normals,
-        thickness_m=first.thickness_m,
-        gap_m=gaps(first.points, first.normals, first.spacing_m),
-        spacing_m=first.spacing_m,
-        sigma_m=first.sigma_m,
-        is_inferred=scan.cloud.is_inferred,
-        sensors=scan.sensors() if first.source == "sensors" else None,
-    )
-    before = tuple(check for check in first.checks if check.name != "parts")
-    checks = (*gates_again(evidence, before, first.source == "sensors"), one_part(found.resolved.n_parts))
+    checks = checks_of(scan, first, found.mesh, found.resolved.n_parts)
     how: dict[str, float | str] = {
         **{key: value for key, value in first.how.items() if key in KEPT},
         "method": method,
@@ -123,6 +110,24 @@ def closed_reconstruction(
         "n_voids_filled": found.resolved.n_filled,
     }
     return replace(first, mesh=found.mesh, checks=checks, how=how)
+
+
+def checks_of(scan: Scan, first: Reconstruction, mesh: TriangleMesh, n_parts: int) -> tuple[Check, ...]:
+    """The gates of another surface through the points of `first`, of so many parts."""
+    evidence = Evidence(
+        points=scan.cloud.points,
+        mesh=mesh,
+        smoothed=first.points,
+        normals=first.normals,
+        thickness_m=first.thickness_m,
+        gap_m=gaps(first.points, first.normals, first.spacing_m),
+        spacing_m=first.spacing_m,
+        sigma_m=first.sigma_m,
+        is_inferred=scan.cloud.is_inferred,
+        sensors=scan.sensors() if first.source == "sensors" else None,
+    )
+    before = tuple(check for check in first.checks if check.name != "parts")
+    return (*gates_again(evidence, before, first.source == "sensors"), one_part(n_parts))
 
 
 KEPT = ("source", "spacing_m", "sigma_m", "residual_m", "fit_radius_m", "wall_m", "wall_share", "rays_blocked", "ball_m", "leak_share", "n_images")

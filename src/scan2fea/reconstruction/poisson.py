@@ -46,8 +46,8 @@ def poisson(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> Rec
     require(
         found.is_clean and crossing == 0,
         ReconstructionError,
-        f"Poisson's surface has {found.n_boundary_edges} open edges (it leaves its box where no points are), {found.n_nonmanifold_edges} of three faces "
-        f"and {crossing} crossings, limit 0: use reconstruction.method = visibility",
+        f"Poisson's surface has {found.n_boundary_edges} open edges (it leaves its box where no points are), {found.n_nonmanifold_edges} of "
+        f"three faces and {crossing} crossings, limit 0: use reconstruction.method = visibility",
     )
     how: dict[str, float | str] = {key: value for key, value in first.how.items() if key in KEPT}
     how |= {"method": "poisson", "depth": depth, "n_shells_dropped": n_dropped}

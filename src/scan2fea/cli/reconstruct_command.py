@@ -28,4 +28,6 @@ def execute(given: argparse.Namespace) -> int:
         print(f"  not flat      {how['not_planar']}")
     print(f"  {'passed every check' if report['passed'] else 'REFUSED: ' + report['reason']}")
     print(out / "surface.ply")
+    if (out / "sheet.ply").exists():
+        print(f"{out / 'sheet.ply'} (what was measured)")
     return 0 if report["passed"] else NOT_PASSED

@@ -110,6 +110,12 @@ def face_origin(mesh: TriangleMesh, points: FloatArray, is_inferred: BoolArray |
     return np.asarray(backed.argmax(axis=1), np.int64)
 
 
+def measured_part(mesh: TriangleMesh, origin: IntArray) -> TriangleMesh:
+    """The faces that points stand behind, by `face_origin`: the open sheet that is left where no solid is possible."""
+    used, packed = np.unique(mesh.faces[origin == MEASURED], return_inverse=True)
+    return TriangleMesh(vertices=mesh.vertices[used], faces=packed.reshape(-1, 3).astype(np.int64))
+
+
 def unmeasured_share(mesh: TriangleMesh, points: FloatArray, reach_m: float) -> float:
     """Share of the area with no point of its own side within `reach_m`. points : (n, 3) measured ones only."""
     if not len(points) or not len(mesh.faces):

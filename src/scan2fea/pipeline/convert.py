@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from scan2fea.cad import to_brep
-from scan2fea.errors import InternalError, Scan2FeaError, StageError
+from scan2fea.errors import InternalError, ReconstructionError, Scan2FeaError, StageError
 from scan2fea.fea import build_model, solve
 from scan2fea.io.artifacts import save
 from scan2fea.kernel.boundary import boundary_surface
@@ -29,6 +29,7 @@ from scan2fea.pipeline.part import Made, Part
 from scan2fea.pipeline.record import Record, Tracked
 from scan2fea.pipeline.requires import noise_checks, spacing_checks
 from scan2fea.pipeline.results import object_row
+from scan2fea.pipeline.sheet import sheet_of
 from scan2fea.pipeline.true_faces import build_true
 from scan2fea.reconstruction import reconstruct
 from scan2fea.remeshing import AIM_DEG, eased, remesh, worst_dihedral
@@ -55,6 +56,8 @@ def convert(part: Part, key: str, config: Config, record: Record, folder: Path) 
         made.stopped = f"a fault of scan2fea ({type(error).__name__}: {error}); please report it"
         record.event("fault", text=traceback.format_exc())
     made.stopped = told_after_all(made, made.stopped)
+    if made.tets is None and made.surface is not None and part.mesh is None:
+        made.sheet = sheet_of(part.scan, made.surface, made.spacing_m, made.sigma_m, config.reconstruction)
     files = write_object(made, folder, config)
     if made.brep is not None:
         save(made.brep, record.folder / BREP)  # for the assembly
@@ -174,7 +177,11 @@ def _shape(made: Made, source: Tracked[Part], config: Config, record: Record) ->
         moved(made, "given", part.mesh)
         return Tracked(part.mesh, source.key)
     scan = Tracked(part.scan, source.key)
-    found = record("reconstruct", reconstruct, scan, options=config.reconstruction, n_in=len(part.scan.cloud), count=lambda r: len(r.mesh.faces))
+    try:
+        found = record("reconstruct", reconstruct, scan, options=config.reconstruction, n_in=len(part.scan.cloud), count=lambda r: len(r.mesh.faces))
+    except ReconstructionError:
+        made.sheet = sheet_of(part.scan, None, 0.0, 0.0, config.reconstruction)
+        raise
     made.spacing_m, made.sigma_m, made.sensor = found.value.spacing_m, found.value.sigma_m, found.value.sensor
     made.residual_m = found.value.residual_m
     made.how.update(found.value.how)

@@ -17,7 +17,6 @@ from scan2fea.fea.shell import write_shell_inp
 from scan2fea.fea.wireframe import frame_result_rows, write_frame_inp
 from scan2fea.io import write_cloud_ply, write_mesh_ply, write_msh, write_stl, write_text, write_vtu
 from scan2fea.io.artifacts import load
-from scan2fea.kernel.coverage import face_origin
 from scan2fea.kernel.quality import tet_quality
 from scan2fea.pipeline.config import Config
 from scan2fea.pipeline.frame_file import FRAME, FRAME_DECK, frame_of, write_frame
@@ -25,7 +24,7 @@ from scan2fea.pipeline.member_rows import member_row
 from scan2fea.pipeline.part import Made
 from scan2fea.pipeline.results import finite_tree
 from scan2fea.pipeline.route import ESTIMATION
-from scan2fea.types import MEASURED, FloatArray, TriangleMesh
+from scan2fea.types import FloatArray
 from scan2fea.units import unit_system
 
 BREP, MEMBER = "brep.npz", "member.npz"  # of each object, among what --resume reads
@@ -79,10 +78,10 @@ def write_object(made: Made, folder: Path, config: Config) -> list[str]:
     units = unit_system(config.export.units)
     write_cloud_ply(folder / "cloud.ply", made.part.scan.cloud, _columns(made))
     if made.surface is not None and len(made.surface.faces):
-        if made.tets is None and made.part.mesh is None:
-            write_mesh_ply(folder / "sheet.ply", _seen(made, made.surface))
         write_mesh_ply(folder / "surface.ply", made.surface)
         write_stl(folder / "surface.stl", made.surface, units.length)
+    if made.sheet is not None:
+        write_mesh_ply(folder / "sheet.ply", made.sheet)
     if made.tets is not None:
         write_vtu(
             folder / "volume.vtu",
@@ -111,14 +110,6 @@ def _columns(made: Made) -> dict[str, FloatArray]:
     cloud = made.part.scan.cloud
     inferred = cloud.is_inferred if cloud.is_inferred is not None else np.zeros(len(cloud), bool)
     return {"is_inferred": inferred.astype(np.uint8)}
-
-
-def _seen(made: Made, surface: TriangleMesh) -> TriangleMesh:
-    """The open sheet that was measured: what is left where no solid is possible."""
-    cloud = made.part.scan.cloud
-    origin = face_origin(surface, cloud.points, cloud.is_inferred, made.spacing_m, made.sigma_m)
-    used, packed = np.unique(surface.faces[origin == MEASURED], return_inverse=True)
-    return TriangleMesh(vertices=surface.vertices[used], faces=packed.reshape(-1, 3).astype(np.int64))
 
 
 def _point_data(made: Made) -> dict[str, FloatArray]:

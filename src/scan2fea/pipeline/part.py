@@ -43,6 +43,7 @@ class Made:
     route: Route | None = None
     estimate: Estimate | None = None  # what estimation said, whichever way was taken
     surface: TriangleMesh | None = None  # the latest surface; in the end the boundary of the tets
+    sheet: TriangleMesh | None = None  # what was measured, where no solid came out
     spacing_m: float = 0.0
     sigma_m: float = 0.0
     residual_m: float | None = None  # noise left in the surface, where less than that of the points

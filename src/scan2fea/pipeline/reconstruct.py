@@ -18,16 +18,18 @@ from scan2fea.pipeline.config import Config, to_toml
 from scan2fea.pipeline.fuse import require_no_fusion
 from scan2fea.pipeline.results import finite_tree
 from scan2fea.pipeline.scene import require_extent, shift_of, shifted
+from scan2fea.pipeline.sheet import sheet_of
 from scan2fea.reconstruction import Reconstruction, reconstruct
 from scan2fea.types import Scan, TriangleMesh
 from scan2fea.units import unit_system
 
 RECONSTRUCT_SCHEMA = "scan2fea reconstruct 1"
-FILES = ("surface.ply", "surface.stl", "report.json", "config.toml")
+FILES = ("surface.ply", "sheet.ply", "surface.stl", "report.json", "config.toml")
 
 
 def reconstruct_file(path: Path, out: Path, config: Config) -> dict[str, Any]:
-    """All points of a file as one closed surface: OUT gets surface.ply (with the origin of every face), surface.stl, report.json and config.toml.
+    """All points of a file as one closed surface: OUT gets surface.ply (with the origin of every face), surface.stl, report.json and config.toml;
+    where a check fails also sheet.ply, what was measured.
 
     Returns the content of report.json. Raises UsageError for an OUT that holds other files, InputError for a file that cannot be used,
     ReconstructionError where no surface comes out.
@@ -51,6 +53,10 @@ def reconstruct_file(path: Path, out: Path, config: Config) -> dict[str, Any]:
         raise UsageError(f"{out}: cannot be written ({error.strerror}); give another folder with -o") from error
     tree = dict(finite_tree(report))
     write_mesh_ply(out / "surface.ply", mesh)
+    (out / "sheet.ply").unlink(missing_ok=True)
+    sheet = None if report["passed"] else sheet_of(scan, mesh, found.spacing_m, found.sigma_m, config.reconstruction)
+    if sheet is not None:
+        write_mesh_ply(out / "sheet.ply", sheet)
     write_stl(out / "surface.stl", mesh, unit_system(config.export.units).length)
     write_text(out / "config.toml", to_toml(config))
     write_text(out / "report.json", json.dumps(tree, indent=1, allow_nan=False) + "\n")

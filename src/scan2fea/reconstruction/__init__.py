@@ -9,6 +9,7 @@ from scan2fea.errors import UsageError, require
 from scan2fea.options import option
 from scan2fea.reconstruction.advancing_front import FrontOptions, advancing_front
 from scan2fea.reconstruction.ball_pivoting import PivotOptions, ball_pivoting
+from scan2fea.reconstruction.open_sheet import open_sheet
 from scan2fea.reconstruction.planar import planar, served
 from scan2fea.reconstruction.poisson import poisson
 from scan2fea.reconstruction.scale_space import ScaleSpaceOptions, scale_space
@@ -48,6 +49,7 @@ __all__ = [
     "VisibilityOptions",
     "advancing_front",
     "ball_pivoting",
+    "open_sheet",
     "planar",
     "poisson",
     "reconstruct",

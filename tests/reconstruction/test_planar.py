@@ -2,14 +2,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from predicates import assert_closed_manifold_oriented, assert_no_crossing, box, extruded, l_beam, moved, rotation, sphere, two_sided
 from scan2fea.errors import ReconstructionError
 from scan2fea.kernel.measures import volume
+from scan2fea.kernel.neighbors import k_nearest
+from scan2fea.kernel.primitives import Plane
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction import ReconstructionOptions, planar, reconstruct, visibility
 from scan2fea.reconstruction.blurred_faces import placed
 from scan2fea.reconstruction.gates import failed
+from scan2fea.reconstruction.hanging import Among
 from scan2fea.reconstruction.planar import flattened
 from scan2fea.reconstruction.plane_growing import grow_planes, robust_plane
 from scan2fea.reconstruction.strips import rim_offset
@@ -149,3 +154,22 @@ def test_a_bore_is_not_a_ring_of_flats(seed):
 
 def _plate_with_hole(segments, radius):
     return bracket(0.05, 0.06, 0.01, 0.05, [("b", 0.035, 0.025, radius)], chord_m=radius * (1 - np.cos(np.pi / segments)) * 1.0001)
+
+
+def test_what_hangs_together_with_a_seed_is_the_component_of_it():
+    rng = np.random.default_rng(3)
+    points, normals = rng.normal(size=(400, 3)), rng.normal(size=(400, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    near = k_nearest(points, 7)[1]
+    free, plane = rng.random(400) < 0.8, Plane(normal=np.array([0.0, 0.0, 1.0]), offset=0.1)
+    among = Among.of(points, normals, near)
+    sizes = set()
+    for seed in range(0, 400, 7):
+        for off, reach in ((0.3, np.inf), (0.9, 1.5), (5.0, np.inf)):
+            own = free & (np.abs(points[:, 2] - 0.1) <= off) & (normals[:, 2] >= -0.2) & (np.linalg.norm(points - points[seed], axis=1) <= reach)
+            graph = coo_array((np.ones(near.size), (np.repeat(np.arange(400), 7), near.ravel())), shape=(400, 400)).tocsr()
+            part = connected_components(graph[own][:, own], directed=False)[1]
+            wanted = np.flatnonzero(own)[part == part[own[:seed].sum()]] if own[seed] else np.zeros(0)
+            assert among.near(seed, free, plane, off, -0.2, reach).tolist() == wanted.tolist()
+            sizes.add(len(wanted))
+    assert len(sizes) > 5

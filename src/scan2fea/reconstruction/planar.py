@@ -137,7 +137,7 @@ def arranged(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: floa
     pieces: dict[tuple[int, int, int], list[int]] = {}
     for f, (plane_of, pair) in enumerate(zip(cells.plane.tolist(), cells.cell.tolist(), strict=True)):
         pieces.setdefault((plane_of, *pair), []).append(f)
-    area = np.array([_area(cells.vertices[loop]) for loop in cells.loops])
+    area = _areas(cells)
     count = np.zeros(len(cells.loops))
     for k in range(len(planes)):
         on = planes.plane(k).projected(points[planes.label == k])
@@ -189,7 +189,7 @@ def _cheapest(cells: Cells, count: FloatArray, price_inside: FloatArray, price_o
 
     graph = maxflow.GraphFloat(cells.n_cells, len(cells.loops))
     nodes = graph.add_nodes(cells.n_cells)
-    area = np.array([_area(cells.vertices[loop]) for loop in cells.loops])
+    area = _areas(cells)
     inner = (cells.cell >= 0).all(axis=1)
     price = BARE_PRICE * spacing_m * area[inner]
     bare = np.clip(1.0 - count[inner] * spacing_m**2 / np.maximum(FULL * area[inner], 1e-300), 0.0, 1.0)
@@ -201,5 +201,13 @@ def _cheapest(cells: Cells, count: FloatArray, price_inside: FloatArray, price_o
     return np.asarray(graph.get_grid_segments(nodes), bool)
 
 
-def _area(loop: FloatArray) -> float:
-    return 0.5 * float(np.linalg.norm(np.cross(loop[1:-1] - loop[0], loop[2:] - loop[0]).sum(axis=0)))
+def _areas(cells: Cells) -> FloatArray:
+    """(f,) of the facets, flat loops."""
+    size = np.array([len(loop) for loop in cells.loops])
+    first = np.concatenate([[0], np.cumsum(size)[:-1]])
+    corner = cells.vertices[np.concatenate(cells.loops)]
+    after = np.arange(len(corner)) + 1
+    after[first + size - 1] = first
+    origin = np.repeat(corner[first], size, axis=0)
+    vectors = np.add.reduceat(np.cross(corner - origin, corner[after] - origin), first, axis=0)
+    return np.asarray(0.5 * np.linalg.norm(vectors, axis=1))

@@ -9,20 +9,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from scan2fea.errors import ReconstructionError, require
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.primitives import Plane, fit_plane
+from scan2fea.reconstruction.hanging import Among
 from scan2fea.reconstruction.regular import EXACT, WAYS_TRIED, near_ways, regular
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 NEIGHBORS = 16
 MOST_PLANES = 64  # the time grows as their cube
 SIGMAS, SPACINGS = 3.0, 0.02  # of a plane's points: within three sigma, and a fiftieth of the spacing for exact data
-OWN_SIDE = np.cos(np.radians(30.0))
+OWN_SIDE = float(np.cos(np.radians(30.0)))
 SEED = 0.98  # mean cosine of a seed's normal with its neighbours'
 FIRST_REACH, GROWTH = 3.0, 2.0  # spacings round the seed that the first plane is fitted to, and how it widens
 LEAST_POINTS = 12
@@ -64,6 +63,7 @@ def grow_planes(points: FloatArray, normals: FloatArray, spacing_m: float, sigma
     _, near = k_nearest(points, NEIGHBORS)
     alike = np.einsum("ni,nki->nk", normals, normals[near[:, 1:]])
     flatness = np.where(alike > 0, alike, 0.0).sum(axis=1) / np.maximum((alike > 0).sum(axis=1), 1)
+    among = Among.of(points, normals, near)
     free = np.ones(len(points), bool)
     planes: list[Plane] = []
     failures = 0
@@ -72,9 +72,9 @@ def grow_planes(points: FloatArray, normals: FloatArray, spacing_m: float, sigma
             continue
         if flatness[seed] < SEED or failures >= FAILURES:
             break
-        plane = _grown(points, normals, near, int(seed), free, spacing_m, off)
+        plane = _grown(among, int(seed), free, spacing_m, off)
         if plane is not None and sigma_m > EXACT:
-            plane = _turned(points, normals, near, int(seed), free, off, plane, planes)
+            plane = _turned(among, near, int(seed), free, off, plane, planes)
         own = np.zeros(len(points), bool) if plane is None else _own(points, normals, plane, off) & free
         if plane is None or own.sum() < LEAST_POINTS or not own[seed]:
             failures += 1
@@ -92,59 +92,40 @@ def _own(points: FloatArray, normals: FloatArray, plane: Plane, off: float) -> B
     return np.asarray((np.abs(plane.distance(points)) <= off) & (normals @ plane.normal >= OWN_SIDE))
 
 
-def _grown(points: FloatArray, normals: FloatArray, near: IntArray, seed: int, free: BoolArray, spacing_m: float, off: float) -> Plane | None:
-    """The plane through a seed's neighbourhood, widened until it takes no more points in that hang together. near : (n, k) neighbours."""
-    away = np.linalg.norm(points - points[seed], axis=1)
-    plane = Plane(normal=normals[seed], offset=float(normals[seed] @ points[seed]))
+def _grown(among: Among, seed: int, free: BoolArray, spacing_m: float, off: float) -> Plane | None:
+    """The plane through a seed's neighbourhood, widened until it takes no more points in that hang together."""
+    points, normal = among.points, among.normals[seed]
+    farthest = float(np.linalg.norm(np.maximum(points[seed] - points.min(axis=0), points.max(axis=0) - points[seed])))
+    plane = Plane(normal=normal, offset=float(normal @ points[seed]))
     reach, before = FIRST_REACH * spacing_m, -1
     slack = 2.0 * off
     for _ in range(WIDENINGS):
-        own = free & (away <= reach) & (np.abs(plane.distance(points)) <= slack) & (normals @ plane.normal >= OWN_SIDE)
-        own = _hanging_together(own, near, seed)
-        count = int(own.sum())
-        if count < 4:
+        own = among.near(seed, free, plane, slack, OWN_SIDE, reach)
+        if len(own) < 4:
             return None
         plane = robust_plane(points[own], plane.normal)
         slack = off
-        if count == before and reach > away.max():
+        if len(own) == before and reach > farthest:
             break
-        before, reach = count, reach * GROWTH
+        before, reach = len(own), reach * GROWTH
     return plane
 
 
-def _turned(
-    points: FloatArray, normals: FloatArray, near: IntArray, seed: int, free: BoolArray, off: float, plane: Plane, planes: list[Plane]
-) -> Plane:
+def _turned(among: Among, near: IntArray, seed: int, free: BoolArray, off: float, plane: Plane, planes: list[Plane]) -> Plane:
     """The plane, or one along a direction that planes found before give, if that holds nearly as many points: a plane may tilt to catch others."""
-    wanted = TURNED_HOLDS * _hanging_together(_own(points, normals, plane, off) & free, near, seed).sum()
+    wanted = TURNED_HOLDS * len(among.near(seed, free, plane, off, OWN_SIDE))
     for way in near_ways(np.array([p.normal for p in planes]).reshape(-1, 3), plane.normal)[:WAYS_TRIED]:
-        turned = Plane(normal=way, offset=float(np.median(points[near[seed]] @ way)))
+        turned = Plane(normal=way, offset=float(np.median(among.points[near[seed]] @ way)))
         for _ in range(2):
-            own = _hanging_together(_own(points, normals, turned, off) & free, near, seed)
-            if own.sum() < LEAST_POINTS:
+            own = among.near(seed, free, turned, off, OWN_SIDE)
+            if len(own) < LEAST_POINTS:
                 break
-            height = points[own] @ way
+            height = among.points[own] @ way
             turned = Plane(normal=way, offset=float(height.mean()), rms_m=float(height.std()))
         else:
-            if own.sum() >= wanted:
+            if len(own) >= wanted:
                 return turned
     return plane
-
-
-def _hanging_together(own: BoolArray, near: IntArray, seed: int) -> BoolArray:
-    """Those of the points that neighbours join to the seed."""
-    if not own[seed]:
-        return np.zeros(len(own), bool)
-    rows = np.flatnonzero(own)
-    slot = np.full(len(own), -1, np.int64)
-    slot[rows] = np.arange(len(rows))
-    to = slot[near[rows]]
-    i, k = np.nonzero(to >= 0)
-    graph = coo_array((np.ones(len(i), np.int8), (i, to[i, k])), shape=(len(rows), len(rows)))
-    part = connected_components(graph, directed=False)[1]
-    out = np.zeros(len(own), bool)
-    out[rows[part == part[slot[seed]]]] = True
-    return out
 
 
 def robust_plane(points: FloatArray, towards: FloatArray) -> Plane:

@@ -96,16 +96,20 @@ def stretches(evidence: Evidence) -> tuple[list[Stretch], list[Stretch]]:
     turned = np.einsum("fkc,fkc->fk", normal, np.roll(normal, -1, axis=1))
     across = np.flatnonzero(np.isfinite(turned).all(axis=1) & (np.nan_to_num(turned).min(axis=1) < OPPOSITE))
     far = _far_side(normal[across])
-    is_bare = ~_has_points(evidence, across, far, skin)
-    bare = across[is_bare]
-    slack = np.full(len(mesh.faces), math.inf)
-    slack[bare] = _slack(evidence, bare, normal[bare, 0], far[is_bare], wall)
+    bare = across[~_has_points(evidence, across, far, skin)]
     spacing = np.full(len(evidence.smoothed), math.inf)
     spacing[points] = k_nearest(evidence.smoothed, SPACING_NEIGHBORS + 1, evidence.smoothed[points])[0][:, 1:].mean(axis=1)
     due = (1.0 - 2.0 * skin) * DENSITY * face_areas(mesh) / np.median(spacing[corner], axis=1) ** 2
     thick = evidence.thickness_m[corner]
-    unproved = _gathered(evidence, bare[~np.isfinite(slack[bare])], due, thick, slack)
-    return unproved, _gathered(evidence, bare, due, thick, slack) if np.isfinite(slack[bare]).any() else unproved
+    slack = np.full(len(mesh.faces), math.inf)
+    every = _gathered(evidence, bare, due, thick, slack)
+    if not every:
+        return [], []
+    asked = np.concatenate([stretch.faces for stretch in every])  # a stretch without some of its faces is part of it: no other one needs its lines
+    slack[asked] = _slack(evidence, asked, normal[asked, 0], _far_side(normal[asked]), wall)
+    if np.isinf(slack[asked]).all():
+        return every, every
+    return _gathered(evidence, bare[np.isinf(slack[bare])], due, thick, slack), _gathered(evidence, bare, due, thick, slack)
 
 
 def _skin(evidence: Evidence, wall: float) -> float:

@@ -1,0 +1,99 @@
+"""The points near a plane that hang together with a seed: walked from it over neighbours, so that a small patch of a large cloud costs little."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2fea.kernel.jit import jit
+from scan2fea.kernel.primitives import Plane
+from scan2fea.types import BoolArray, FloatArray, IntArray, Value
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Among(Value):
+    """points, normals : (n, 3).   first, index : the neighbours of each point, those that count it among theirs included (`joined_both_ways`)."""
+
+    points: FloatArray
+    normals: FloatArray
+    first: IntArray
+    index: IntArray
+
+    @classmethod
+    def of(cls, points: FloatArray, normals: FloatArray, near: IntArray) -> Among:
+        """near : (n, k) rows of the neighbours of each point."""
+        first, index = joined_both_ways(near)
+        return cls(points=np.ascontiguousarray(points, float), normals=np.ascontiguousarray(normals, float), first=first, index=index)
+
+    def near(self, seed: int, free: BoolArray, plane: Plane, off: float, own_side: float, reach: float = np.inf) -> IntArray:
+        """(k,) rows, ascending, of free points within `off` of the plane and `reach` of the seed, of the plane's side, that hang together with it.
+
+        own_side : least cosine between the normals of a point and the plane.
+        """
+        return hanging_together(
+            self.points, self.normals, self.first, self.index, seed, free, plane.normal, plane.offset, off, float(own_side), float(reach)
+        )
+
+
+@jit
+def joined_both_ways(near: IntArray) -> tuple[IntArray, IntArray]:
+    """(first, index): `index[first[i]:first[i + 1]]` are the neighbours near[i] of point i and the points that have i among theirs, some twice."""
+    n, k = near.shape
+    first = np.zeros(n + 1, np.int64)
+    for i in range(n):
+        first[i + 1] += k
+        for j in range(k):
+            first[near[i, j] + 1] += 1
+    for i in range(n):
+        first[i + 1] += first[i]
+    place = first[:-1].copy()
+    index = np.zeros(2 * n * k, np.int64)
+    for i in range(n):
+        for j in range(k):
+            other = near[i, j]
+            index[place[i]] = other
+            place[i] += 1
+            index[place[other]] = i
+            place[other] += 1
+    return first, index
+
+
+@jit
+def hanging_together(
+    points: FloatArray,
+    normals: FloatArray,
+    first: IntArray,
+    index: IntArray,
+    seed: int,
+    free: BoolArray,
+    normal: FloatArray,
+    offset: float,
+    off: float,
+    own_side: float,
+    reach: float,
+) -> IntArray:
+    """(k,) rows, ascending, that links join to the seed over points that are free, within `off` of the plane and `reach` of the seed, of its side."""
+    n = len(points)
+    met = np.zeros(n, np.bool_)
+    queue = np.empty(n, np.int64)
+    queue[0], met[seed] = seed, True
+    count, done, kept = 1, 0, 0
+    while done < count:
+        p = queue[done]
+        done += 1
+        height = facing = away2 = 0.0
+        for c in range(3):
+            height += points[p, c] * normal[c]
+            facing += normals[p, c] * normal[c]
+            away2 += (points[p, c] - points[seed, c]) ** 2
+        if not free[p] or abs(height - offset) > off or facing < own_side or away2 > reach * reach:
+            continue
+        queue[kept] = p
+        kept += 1
+        for o in range(first[p], first[p + 1]):
+            if not met[index[o]]:
+                met[index[o]] = True
+                queue[count] = index[o]
+                count += 1
+    return np.sort(queue[:kept])

@@ -70,8 +70,8 @@ def test_a_block_is_closed_and_judged():
 
 
 def test_an_open_surface_is_refused(monkeypatch):
-    def pierced(points, normals, cell_m):
-        mesh, depth = indicator_surface(points, normals, cell_m)
+    def pierced(*given):
+        mesh, depth = indicator_surface(*given)
         return TriangleMesh(vertices=mesh.vertices, faces=mesh.faces[1:]), depth
 
     monkeypatch.setattr(import_module("scan2fea.reconstruction.poisson"), "indicator_surface", pierced)  # the function of that name hides it

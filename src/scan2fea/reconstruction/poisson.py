@@ -22,7 +22,8 @@ from scan2fea.reconstruction.closing import KEPT, checks_of
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
 from scan2fea.types import FloatArray, Scan, TriangleMesh
 
-ROOM, MARGIN = 1.6, 1.1  # of the part: what is told to be there, and the program's cube round that; the surface leaks through a nearer one
+MARGIN = 1.1  # of what it is told to be there: the program's cube
+ROOMS = (1.6, 1.7, 1.8, 1.9)  # of the part, tried in turn: its surface leaks through a nearer cube, and each has slivers, which may cross, elsewhere
 CELLS_PER_WALL = 3.0  # fewer let the faces of a wall melt into one
 COARSEST, FINEST = 2.0, 4.0  # cells per spacing: coarser ones round edges off, finer ones hold no points to speak of
 DEEPEST = 11  # levels: 2048 cells along the part; memory grows fourfold with each
@@ -39,29 +40,33 @@ def poisson(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> Rec
     known = first.thickness_m[np.isfinite(first.thickness_m)]
     wall = float(np.median(known)) if len(known) else math.inf
     cell = float(np.clip(wall / CELLS_PER_WALL, first.spacing_m / FINEST, first.spacing_m / COARSEST))
-    mesh, depth = indicator_surface(first.points, first.normals, cell)
-    mesh, n_dropped, n_parts = supported(mesh, first.points)
-    found = surface_topology(mesh)
-    crossing = len(self_intersections(mesh))
-    require(
-        found.is_clean and crossing == 0,
-        ReconstructionError,
-        f"Poisson's surface has {found.n_boundary_edges} open edges (it leaves its box where no points are), {found.n_nonmanifold_edges} of "
-        f"three faces and {crossing} crossings, limit 0: use reconstruction.method = visibility",
-    )
+    for room in ROOMS:
+        mesh, depth = indicator_surface(first.points, first.normals, cell, room)
+        mesh, n_dropped, n_parts = supported(mesh, first.points)
+        found, crossing = surface_topology(mesh), len(self_intersections(mesh))
+        if found.is_clean and crossing == 0:
+            break
+    else:
+        raise ReconstructionError(
+            f"Poisson's surface has {found.n_boundary_edges} open edges (it leaves its box where no points are), {found.n_nonmanifold_edges} of "
+            f"three faces, {found.n_degenerate_faces} faces without area and {crossing} crossings, limit 0: use reconstruction.method = visibility"
+        )
     how: dict[str, float | str] = {key: value for key, value in first.how.items() if key in KEPT}
     how |= {"method": "poisson", "depth": depth, "n_shells_dropped": n_dropped}
     return replace(first, mesh=mesh, checks=checks_of(scan, first, mesh, n_parts), how=how)
 
 
-def indicator_surface(points: FloatArray, normals: FloatArray, cell_m: float) -> tuple[TriangleMesh, int]:
-    """The surface through points (n, 3) with outward normals (n, 3) on cells of at most `cell_m`, and the depth of the octree."""
+def indicator_surface(points: FloatArray, normals: FloatArray, cell_m: float, room: float = ROOMS[0]) -> tuple[TriangleMesh, int]:
+    """The surface through points (n, 3) with outward normals (n, 3) on cells of at most `cell_m`, and the depth of the octree.
+
+    room : side of the cube that is told to be there, in sides of the part. Raises ReconstructionError where there is none.
+    """
     import pycolmap
 
     pycolmap.logging.minloglevel = 3
     low, high = points.min(axis=0), points.max(axis=0)
     size, middle = float((high - low).max()), (low + high) / 2
-    depth = min(DEEPEST, max(1, math.ceil(math.log2(MARGIN * ROOM * size / cell_m))))
+    depth = min(DEEPEST, max(1, math.ceil(math.log2(MARGIN * room * size / cell_m))))
     how = pycolmap.PoissonMeshingOptions()
     how.depth, how.trim, how.color, how.num_threads = depth, 0.0, False, 1  # with threads of its own two runs differ in their last bits
     with tempfile.TemporaryDirectory() as folder:
@@ -69,7 +74,7 @@ def indicator_surface(points: FloatArray, normals: FloatArray, cell_m: float) ->
         properties = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
         rows = np.zeros((len(points) + 2, 6), "<f4")
         rows[:-2] = np.hstack([(points - middle) / size, normals])
-        rows[-2:, :3] = [[-ROOM / 2] * 3, [ROOM / 2] * 3]  # without a normal they count for the cube alone
+        rows[-2:, :3] = [[-room / 2] * 3, [room / 2] * 3]  # without a normal they count for the cube alone
         given.write_bytes(_HEADER.format(n=len(rows), properties=properties).encode() + rows.tobytes())
         pycolmap.poisson_meshing(given, made, how)
         mesh = _read(made.read_bytes() if made.exists() else b"")

@@ -20,6 +20,7 @@ from scan2fea.acquisition.cameras import Camera
 from scan2fea.acquisition.images import Header
 from scan2fea.acquisition.options import AcquisitionOptions
 from scan2fea.errors import InputError, require
+from scan2fea.kernel.colmap import colmap
 from scan2fea.types import FloatArray, IntArray, Value
 
 LEAST_FOR_CENTRE = 8
@@ -54,9 +55,6 @@ class Structure(Value):
 
 def structure(paths: Sequence[Path], headers: Mapping[Path, Header], options: AcquisitionOptions) -> Structure:
     """Poses of the photographs that belong together. Raises InputError where no two do."""
-    import pycolmap
-
-    pycolmap.logging.minloglevel = 3
     root = Path(os.path.commonpath([str(path.resolve().parent) for path in paths]))
     name = {path: str(path.resolve().relative_to(root)) for path in paths}
     with tempfile.TemporaryDirectory() as folder:
@@ -102,8 +100,7 @@ def _masks(root: Path, name: Mapping[Path, str]) -> Path | None:
 
 
 def _features(database: Path, root: Path, names: Sequence[str], longest: int, masks: Path | None) -> None:
-    import pycolmap
-
+    pycolmap = colmap()
     how = pycolmap.FeatureExtractionOptions()
     how.num_threads, how.use_gpu, how.max_image_size = 1, False, _LARGEST_PX
     how.sift.first_octave = -1 if longest <= _FINE_PX else 0
@@ -118,8 +115,7 @@ def _features(database: Path, root: Path, names: Sequence[str], longest: int, ma
 
 def _matches(database: Path, path_of: Mapping[str, Path], seed: int) -> dict[Path, int]:
     """Match all pairs; the number of matches of each photograph with the one that shares most."""
-    import pycolmap
-
+    pycolmap = colmap()
     how = pycolmap.FeatureMatchingOptions()
     how.num_threads, how.use_gpu = 1, False
     check = pycolmap.TwoViewGeometryOptions()
@@ -139,16 +135,14 @@ def _matches(database: Path, path_of: Mapping[str, Path], seed: int) -> dict[Pat
 
 
 def _mapped(database: Path, root: Path, folder: Path, seed: int) -> list[Any]:
-    import pycolmap
-
+    pycolmap = colmap()
     how = pycolmap.IncrementalPipelineOptions()
     how.num_threads, how.random_seed, how.min_model_size, how.extract_colors = 1, seed, 2, False
     return list(pycolmap.incremental_mapping(database, root, folder, how).values())
 
 
 def _with_centre(model: Any) -> None:
-    import pycolmap
-
+    pycolmap = colmap()
     how = pycolmap.BundleAdjustmentOptions()
     how.refine_principal_point, how.print_summary = True, False
     pycolmap.bundle_adjustment(model, how)

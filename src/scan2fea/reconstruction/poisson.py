@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from scan2fea.errors import ReconstructionError, require
+from scan2fea.kernel.colmap import colmap
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.predicates import self_intersections
@@ -61,9 +62,7 @@ def indicator_surface(points: FloatArray, normals: FloatArray, cell_m: float, ro
 
     room : side of the cube that is told to be there, in sides of the part. Raises ReconstructionError where there is none.
     """
-    import pycolmap
-
-    pycolmap.logging.minloglevel = 3
+    pycolmap = colmap()
     low, high = points.min(axis=0), points.max(axis=0)
     size, middle = float((high - low).max()), (low + high) / 2
     depth = min(DEEPEST, max(1, math.ceil(math.log2(MARGIN * room * size / cell_m))))

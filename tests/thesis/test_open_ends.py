@@ -5,11 +5,16 @@ import dataclasses
 import numpy as np
 import pytest
 
+from scan2fea.estimation.layers import layers_of
+from scan2fea.estimation.solid import solid_of
+from scan2fea.kernel.measures import face_vectors
 from scan2fea.pipeline.requires import conditions
+from scan2fea.tetmeshing import layered
 from scan2fea.thesis import ThesisOptions
 from scan2fea.thesis.bench import Bench
 from scan2fea.thesis.conclusion import theory, true_member, wall_bound
 from scan2fea.thesis.hypotheses import FREE_M, VIEWS, WALL_M, Trial, free_trial, limits, scale_limits, seen_points, specimen
+from scan2fea.thesis.own_meshes import thesis_meshes, with_ends
 
 
 @pytest.fixture(scope="module")
@@ -22,6 +27,26 @@ def test_the_true_beam_bends_as_its_closed_form_says(bench):
     assert theory(bench)["bend_x tip_x_m"] / 100 == pytest.approx(2.92e-5, rel=0.015)
     assert theory(bench)["mass mass_kg"] == pytest.approx(37.63, abs=0.01)
     assert true_member().values() == {"a": 0.127, "b": 0.127, "t": 0.00635, "length": 3.048}
+
+
+def test_the_ends_of_a_mesh_are_what_looks_along_its_axis_there():
+    member = true_member()
+    at = layers_of(solid_of(member))
+    tets = layered(at.points, at.triangles, at.rim, at.rim_tag, at.face_names)
+    turned, _ = np.linalg.qr(np.random.default_rng(0).standard_normal((3, 3)))
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = turned * np.sign(np.linalg.det(turned)), (3.0, -1.0, 2.0)
+    found = with_ends(dataclasses.replace(tets, nodes=tets.nodes @ T[:3, :3].T + T[:3, 3]), T)
+    size = np.linalg.norm(face_vectors(found.nodes, np.asarray(found.boundary[:, :3])), axis=1)
+    section = WALL_M * (2 * 0.127 - WALL_M)
+    assert [size[found.face_tag == k].sum() for k in (1, 2)] == pytest.approx([section, section], rel=1e-9)
+    z = ((found.nodes - T[:3, 3]) @ T[:3, 2])[found.boundary[:, :3]]
+    assert z[found.face_tag == 1].max() == pytest.approx(z.min()) and z[found.face_tag == 2].min() == pytest.approx(z.max())
+
+
+def test_a_quick_run_leaves_the_thesis_own_meshes_to_a_full_one(bench):
+    made = thesis_meshes(bench)
+    assert made.table is None and not made.failed and "full run" in made.says[0]
 
 
 def test_no_method_tells_a_wall_better_than_its_bound():
@@ -67,7 +92,10 @@ def test_the_shipped_conditions_convert(bench):
 
 
 def test_a_wall_wider_than_the_ball_stays_and_a_thinner_one_closes(bench):
-    rows = scale_limits(bench).table.rows
+    made = scale_limits(bench)
+    rows = made.table.rows
+    whole, closed = max(row[3] for row in rows if row[-1] > 0.99), min(row[3] for row in rows if row[-1] < 0.01)
+    assert f"left at radii up to {whole:.2f} walls, none at {closed:.2f} walls" in made.says[0]
     left = {row[3]: row[4:] for row in rows}
     assert all(kept == pytest.approx([1, 1, 1, 1], abs=1e-9) for ratio, kept in left.items() if ratio < 0.9)
     assert all(kept[-1] < 1e-6 for ratio, kept in left.items() if ratio > 1.1)

@@ -17,12 +17,14 @@ from scan2fea.kernel.quality import TRIANGLE_LIMITS
 from scan2fea.thesis import EXPERIMENTS, ThesisOptions, results, run, run_thesis
 from scan2fea.thesis.bench import Bench
 from scan2fea.thesis.canvas import told
+from scan2fea.thesis.chain import Step
 from scan2fea.thesis.chores import KINDS, done, in_turn
 from scan2fea.thesis.clouds import BEAM, DENSE_M, beam_points, beam_solid, treated
 from scan2fea.thesis.conclusion import cases_of
 from scan2fea.thesis.experiment import Table
 from scan2fea.thesis.measured import measured
-from scan2fea.thesis.published import printed_tables
+from scan2fea.thesis.page import CHAPTERS
+from scan2fea.thesis.published import blanks, printed_tables
 from scan2fea.thesis.registry import REPRINTED, chosen
 from scan2fea.thesis.results import HEAD, largest_part
 from scan2fea.types import TriangleMesh
@@ -121,6 +123,30 @@ class TestPublished:
         assert all(r.q1 <= 3**0.5 and r.q4 <= 1 and r.q2 <= 0.5 for _, r in every)
 
 
+    def test_every_blank_is_answered_by_experiments(self):
+        sections = [tuple(int(part) for part in blank.section.split(".")) for blank in blanks()]
+        assert sections == sorted(sections) and all(blank.at for blank in blanks())
+        assert {name for blank in blanks() for name in blank.at} <= set(EXPERIMENTS)
+
+
+class TestChanged:
+    def step(self, mesh, nodes=None, tets=()):
+        empty = np.zeros((0, 3)) if nodes is None else nodes
+        return Step(name="", mesh=mesh, nodes=empty, tets=np.array(tets, np.int64).reshape(-1, 4), done="", dihedral_deg=float("nan"))
+
+    def test_vertices_that_move_are_counted(self):
+        moved = CUBE.vertices.copy()
+        moved[3] += [0.002, 0, 0]
+        (says,) = results.changed(self.step(CUBE), self.step(dataclasses.replace(CUBE, vertices=moved)))
+        assert "1 of 8 vertices of the surface moved, by 0 mm in the median, 2 mm at most; least Q3" in says
+
+    def test_exudation_joins_other_nodes_and_moves_none(self):
+        nodes = np.random.default_rng(0).random((5, 3))
+        before, after = self.step(CUBE, nodes, [[0, 1, 2, 3], [1, 2, 3, 4]]), self.step(CUBE, nodes, [[3, 2, 1, 0], [0, 1, 2, 4]])
+        (says,) = results.changed(before, after)
+        assert "0 of 8 vertices of the surface moved; 0 of 5 nodes of the tets moved, 1 of 2 tets join other nodes than before" in says
+
+
 class TestMeasured:
     def test_a_cube(self):
         m = measured(CUBE)
@@ -191,6 +217,9 @@ class TestRun:
         assert not re.findall(r"""(?:src|href)=["'](?!data:|#)""", page)
         assert all(f'id="{name}"' in page for name in TestRun.FEW.split(","))
         assert "Not run here: F2.4" in page
+        assert all(f"<td data-label=\"what is asked there\">{blank.asks}</td>" in page for blank in blanks())
+        links = set(re.findall(r'href="#([^"]+)"', page))
+        assert links <= set(re.findall(r'id="([^"]+)"', page)) | {f"c{key}" for key in CHAPTERS}
 
     def test_the_same_bytes_again(self, out, tmp_path):
         run_thesis(tmp_path / "again", QUICK, TestRun.FEW)

@@ -43,7 +43,8 @@ def lab_zero(bench: Bench) -> Made:
 def lab_noisy(bench: Bench) -> Made:
     """Figure 3.2: the lab with noise of 2 cm."""
     most = stated("noise_m")
-    readings = (("sigma 6.7 mm", SIGMA_M, "gaussian"), ("evenly within 2 cm", most, "uniform"), ("sigma 2 cm", most, "gaussian"))
+    limit, third = f"{1e2 * most:g} cm", f"{1e3 * SIGMA_M:.1f} mm"
+    readings = ((f"sigma {third}", SIGMA_M, "gaussian"), (f"evenly within {limit}", most, "uniform"), (f"sigma {limit}", most, "gaussian"))
     clean, pictures, says = lab_scan(bench).cloud, [], []
     for name, size, law in readings:
         cloud = lab_scan(bench, size, law).cloud
@@ -75,7 +76,9 @@ def lidar_fan(bench: Bench) -> Made:
         f"{len(angle)} beams from {np.degrees(angle[0]):.2f} to {np.degrees(angle[-1]):.2f} degrees; {shots:,} shots a turn at "
         f"{options.rate_hz:g} Hz, {rate:,.0f} a second; every 24th firing is drawn from above."
     )
-    return Made(picture=canvas.png(), says=(says, "The thesis prints 32,000 points a frame at 20 Hz and 700,000 a second: the latter give 35,000."))
+    printed, turns, each = stated("points_per_s"), stated("frame_rate_hz"), stated("frame_points")
+    beside = f"The thesis prints {each:,.0f} points a frame at {turns:g} Hz and {printed:,.0f} a second: the latter give {printed / turns:,.0f}."
+    return Made(picture=canvas.png(), says=(says, beside))
 
 
 def concatenation(bench: Bench) -> Made:
@@ -134,8 +137,8 @@ def shape_estimation(bench: Bench) -> Made:
             a, b, t = values["a"], values["b"], values["t"]
             panel.line([(0, 0), (b, 0), (b, t), (t, t), (t, a), (0, a)], colour, 2, closed=True)
     says = (
-        "10 x 10 x 5 in is read as an L with legs of 10 in, 5 in thick, and the noise, which is not stated, as sigma 6.7 mm; green: true, "
-        "orange: found.",
+        "10 x 10 x 5 in is read as an L with legs of 10 in, 5 in thick, and the noise, which is not stated, as sigma "
+        f"{1e3 * SIGMA_M:.1f} mm; green: true, orange: found.",
         f"Closest points took {near.n_iterations} steps; their distances have an rms of {1e3 * near.rms_m:.2f} mm.",
     )
     return Made(picture=canvas.png(), table=Table(head=head, rows=tuple(rows)), says=says)

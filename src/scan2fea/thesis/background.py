@@ -62,8 +62,10 @@ def one_beam(bench: Bench) -> Made:
         panel.line([(1.7, -1.2), q], FAINT, 0.6)
     panel.dots(p, BLUE, 2.4)
     panel.dots([(1.7, -1.2)], RED, 4.0)
-    says = f"{len(p)} returns of {len(scan.rays or ())} shots of one turn at 100 shots a second in the simulated lab; the red dot is the sensor."
-    return Made(picture=canvas.png(), says=(says,))
+    rate, noise = 1e6 / options.firing_us, 1e3 * options.noise_m
+    says = f"{len(p)} returns of {len(scan.rays or ())} shots of one turn at {rate:g} shots a second in the simulated lab; the red dot is the sensor."
+    name = f"The thesis leaves the sensor's name open; this one is simulated: one beam, {options.rate_hz:g} turns a second, noise {noise:g} mm."
+    return Made(picture=canvas.png(), says=(says, name))
 
 
 def hdl_data(bench: Bench) -> Made:

@@ -13,13 +13,14 @@ import numpy as np
 
 from scan2fea.errors import StageError
 from scan2fea.io.scan_writers import write_ply
-from scan2fea.kernel.transforms import applied
+from scan2fea.kernel.transforms import applied, inverse
 from scan2fea.pipeline.config import Config, load_config
 from scan2fea.pipeline.run import run
 from scan2fea.report.ours import read_surface
 from scan2fea.simulation.lab17 import lab17
+from scan2fea.simulation.motion import path_of
 from scan2fea.thesis.bench import Bench
-from scan2fea.thesis.clouds import BEAM, SIGMA_M, hdl_scans, lab_scan
+from scan2fea.thesis.clouds import BEAM, HDL, SIGMA_M, capture, hdl_scans, hdl_sensor, lab_scan
 from scan2fea.thesis.published import stated
 from scan2fea.types import Scan, TriangleMesh, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
@@ -35,16 +36,23 @@ CASES: Mapping[str, str] = {
     "known": "2 cm as three standard deviations, the section known",
     "hdl_known": "HDL-32E, one sweep in five, poses known, the section known",
     "hdl": "HDL-32E, one sweep in five, poses known",
+    "hdl_all_known": "HDL-32E, every sweep, poses known, the section known",
+    "hdl_all": "HDL-32E, every sweep, poses known",
+    "hdl_unposed": "HDL-32E, one sweep in five, joined without poses, the section known",
 }
 # of each cloud of the thesis: the cases that stand as "best route" in its tables
-OF_CLOUD: Mapping[str, tuple[str, ...]] = {"zero": ("zero",), "noise": ("noise", "blind"), "hdl": ("hdl_known", "hdl")}
+OF_CLOUD: Mapping[str, tuple[str, ...]] = {
+    "zero": ("zero",), "noise": ("noise", "blind"), "hdl": ("hdl_known", "hdl", "hdl_all_known", "hdl_all", "hdl_unposed"),
+}  # fmt: skip
 # what the pipeline is told beyond the scan
 GIVEN: Mapping[str, str] = {
     "zero": "nothing", "noise": "law and size of the noise, as 3.3.2 states them; nothing of the section", "blind": "nothing",
     "uniform": "law and size of the noise; nothing of the section", "sigma": "law and size of the noise; nothing of the section",
     "known": "the section, as 3.3.9 assumes it", "hdl_known": "poses, and the section, as 3.3.9 assumes it", "hdl": "poses",
+    "hdl_all_known": "poses, and the section, as 3.3.9 assumes it", "hdl_all": "poses", "hdl_unposed": "the section, as 3.3.9 assumes it; no pose",
 }  # fmt: skip
-KNOWN = ("known", "hdl_known")
+KNOWN = ("known", "hdl_known", "hdl_all_known", "hdl_unposed")
+UNPOSED = "hdl_unposed"
 # law and standard deviation of the noise (m) where the pipeline is told them
 STATED: Mapping[str, tuple[str, float]] = {
     "noise": ("gaussian", SIGMA_M), "sigma": ("gaussian", stated("noise_m")), "uniform": ("uniform", stated("noise_m") / 3**0.5),
@@ -52,8 +60,8 @@ STATED: Mapping[str, tuple[str, float]] = {
 
 
 def shown(case: str, *, quick: bool) -> tuple[str, ...]:
-    """The cases of a cloud; a quick run leaves the one out of which nothing is stated where there is another."""
-    return OF_CLOUD[case][:1] if quick and case == "noise" else OF_CLOUD[case]
+    """The cases of a cloud; a quick run shows the first alone."""
+    return OF_CLOUD[case][:1] if quick else OF_CLOUD[case]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -101,17 +109,28 @@ def _best(bench: Bench, case: str) -> Best:
     folder = bench.folder / "runs" / case
     shutil.rmtree(folder, ignore_errors=True)
     (folder / "scans").mkdir(parents=True)
-    files = []
-    for k, scan in enumerate(scans):
-        files.append(folder / "scans" / f"{k:03d}.ply")
-        write_ply(files[-1], Scan(cloud=dataclasses.replace(scan.cloud, label=None), rays=scan.rays))
-    report = run(files, folder / "out", config_of(bench, case))
+    report = run(_files(bench, case, scans, folder / "scans"), folder / "out", config_of(bench, case))
     if not report["objects"]:
         raise StageError("the pipeline found no object where the beam is")
     row = report["objects"][0]
     surface = _surface(folder / "out" / "objects" / f"{int(row['id']):02d}", row)
     shutil.rmtree(folder / "scans")
     return Best(case=case, row=_plain(row), surface=surface, n_points=sum(len(s.cloud) for s in scans))
+
+
+def _files(bench: Bench, case: str, scans: tuple[Scan, ...], folder: Path) -> list[Path]:
+    if case == UNPOSED:
+        return [capture(bench, every_of(case), folder)]
+    files = []
+    for k, scan in enumerate(scans):
+        files.append(folder / f"{k:03d}.ply")
+        write_ply(files[-1], Scan(cloud=dataclasses.replace(scan.cloud, label=None), rays=scan.rays))
+    return files
+
+
+def every_of(case: str) -> int:
+    """Of a case of the HDL-32E: one sweep in so many."""
+    return 1 if case.startswith("hdl_all") else 5
 
 
 def scans_of(bench: Bench, case: str) -> tuple[Scan, ...]:
@@ -121,7 +140,7 @@ def scans_of(bench: Bench, case: str) -> tuple[Scan, ...]:
     noise hides, so that a fit that takes points to be spread evenly makes the legs too long.
     """
     if case.startswith("hdl"):
-        return hdl_scans(bench, 5)
+        return hdl_scans(bench, every_of(case))
     if case == "zero":
         return (lab_scan(bench),)
     noise = SIGMA_M if case in ("noise", "blind", "known") else stated("noise_m")
@@ -136,15 +155,20 @@ def config_of(bench: Bench, case: str) -> Config:
     first: the other objects are then not cut out of it.
     """
     beam = lab17(bench.options.seed).solids[BEAM]
-    middle = applied(beam.T_world_shape, np.array([[0.0, 0.0, beam.shape.parameters["length"] / 2]]))[0]
-    settings: dict[str, Any] = {"select.near_m": tuple(round(float(x), 4) for x in middle), "run.seed": bench.options.seed, "run.jobs": 1}
+    middle = applied(beam.T_world_shape, np.array([[0.0, 0.0, beam.shape.parameters["length"] / 2]]))
+    settings: dict[str, Any] = {"run.seed": bench.options.seed, "run.jobs": 1}
+    if case == UNPOSED:  # all is told in the frame of the scanner, as it stood at first
+        settings["registration.sweeps"] = "odometry"
+        sensor = hdl_sensor(bench, every_of(case)).sensors[0].options
+        middle = applied(inverse(path_of(sensor, HDL).T_world_sensor[0]), middle)
+    settings["select.near_m"] = tuple(round(float(x), 4) for x in middle[0])
     if case in STATED:
         law, sigma = STATED[case]
         settings |= {"estimation.noise": law, "estimation.sigma_m": sigma, "estimation.sigma_error": 0.0}
     if case in KNOWN:
         sizes = (beam.shape.parameters[name] for name in ("a", "b", "t"))
         settings["route.member"] = "L" + "x".join(f"{MILLIMETRES_PER_METRE * size:g}" for size in sizes)
-    if bench.options.quick:
+    if bench.options.quick and case != UNPOSED:
         low, high = beam.mesh.vertices.min(axis=0) - CROP_M, beam.mesh.vertices.max(axis=0) + CROP_M
         settings["filtering.crop_box_m"] = tuple(round(float(x), 4) for x in (*low, *high))
     return load_config(None, settings)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from scan2fea.filtering import FilteringOptions, clean_up
 from scan2fea.kernel.noise import spacing
 from scan2fea.kernel.transforms import compose, rigid
 from scan2fea.pipeline.simulate import scanned, with_sensor
+from scan2fea.pipeline.simulate_logs import write_logs
 from scan2fea.segmentation import SegmentationOptions
 from scan2fea.segmentation.euclidean import euclidean
 from scan2fea.simulation.lab17 import SPACING_M, lab17
@@ -39,7 +41,7 @@ COARSE_M = stated("voxel_in") ** (1 / 3) * METRES_PER_INCH  # edge of a cell of 
 RADIUS_M = stated("cluster_radius_in") * METRES_PER_INCH
 SIGMA_M = stated("noise_m") / 3
 QUICK_LENGTH_M = 0.25
-SCAN_S = stated("frames_joined") / 20.0  # 100 sweeps at 20 Hz
+SCAN_S = stated("frames_joined") / stated("frame_rate_hz")
 HDL = "hdl32e"
 CASES = ("zero", "noise", "hdl")
 
@@ -94,6 +96,12 @@ def hdl_sensor(bench: Bench, every: int) -> SceneFile:
     sensor = given.sensors[0]
     changed = dataclasses.replace(sensor, options=dataclasses.replace(sensor.options, keep_every=every, times_s=(0.0, SCAN_S)))
     return dataclasses.replace(given, sensors=(changed,))
+
+
+def capture(bench: Bench, every: int, folder: Path) -> Path:
+    """The sweeps of `hdl_scans` as an HDL-32E writes them: a capture in `folder` that holds no pose."""
+    files = write_logs(folder, "capture", HDL, hdl_sensor(bench, every).sensors[0].options, hdl_scans(bench, every), bench.options.seed)
+    return next(path for path in files if path.suffix == ".pcap")
 
 
 def joined_points(scans: tuple[Scan, ...]) -> tuple[FloatArray, IntArray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from scan2fea.fea import FeaOptions, build_model, solve
 from scan2fea.fea.beam_theory import tip_under_force
 from scan2fea.fea.materials import chosen_material
 from scan2fea.fea.section_properties import properties_of
+from scan2fea.kernel.distances import sample_surface
+from scan2fea.kernel.measures import area
 from scan2fea.report.camera import Camera, framed, look_at
 from scan2fea.report.colours import categories
 from scan2fea.report.render import Shape, render
@@ -22,20 +24,22 @@ from scan2fea.tetmeshing import layered
 from scan2fea.thesis.bench import Bench, ThesisOptions
 from scan2fea.thesis.best import CASES, GIVEN, OF_CLOUD, STATED, Best, best
 from scan2fea.thesis.canvas import tiles
-from scan2fea.thesis.clouds import BEAM, beam_points, treated
+from scan2fea.thesis.clouds import BEAM, DENSE_M, beam_points, treated
 from scan2fea.thesis.experiment import Cell, Made, Table
 from scan2fea.thesis.meshes import first_mesh
 from scan2fea.thesis.pictures import cloud_picture, mesh_picture
 from scan2fea.thesis.published import stated
-from scan2fea.types import FloatArray, Member, Parameter
+from scan2fea.types import CaseResult, FloatArray, Member, Parameter
 
 SETS = ("zero", "noise", "hdl")
-QUICK = ("zero", "noise", "hdl_known", "hdl")
+QUICK = ("zero", "noise", "hdl_known")
 FIGURES = (
-    ("bend_x", "tip_x_m", "tip along the leg under 100 N, mm", 1e3), ("bend_x", "tip_y_m", "tip across it, mm", 1e3),
+    ("bend_x", "tip_x_m", f"tip along the leg under {FeaOptions().test_force_n:g} N, mm", 1e3), ("bend_x", "tip_y_m", "tip across it, mm", 1e3),
     ("modal", "f7_hz", "f1, Hz", 1.0), ("modal", "f8_hz", "f2, Hz", 1.0), ("modal", "f9_hz", "f3, Hz", 1.0), ("mass", "mass_kg", "mass, kg", 1.0),
 )  # fmt: skip
+FEA_HEAD = ("beam", *(title for _, _, title, _ in FIGURES), "error of the tip, %")
 _WIDE, _HIGH = 460, 300
+SIZES = ("data set", "dimension", "true, mm", "found, mm", "standard deviation, mm", "told by the data", "error in standard deviations")
 END = 0.08  # of the length, in the view of one end
 
 
@@ -57,24 +61,30 @@ def _found(bench: Bench, says: list[str]) -> Iterator[tuple[str, Best]]:
 
 def dimensions(bench: Bench) -> Made:
     """Section 4.4 as a table: what each data set tells of the beam."""
-    true = lab17(bench.options.seed).solids[BEAM].shape.parameters
     volume = lab17(bench.options.seed).solids[BEAM].volume_m3
     rows: list[tuple[Cell, ...]] = []
     says: list[str] = []
     for case, found in _found(bench, says):
-        for name, (value, std, observable) in found.parameters().items():
-            size = true.get(name)
-            error_std = None if size is None or not std else (value - size) / std
-            cells = (None if size is None else 1e3 * size, 1e3 * value, None if std is None else 1e3 * std, observable, error_std)
-            rows.append((CASES[case], name, *cells))
+        rows += _sizes(bench, found)
         ratio = None if found.volume_m3 is None else found.volume_m3 / volume
         told = "" if ratio is None else f", volume {ratio:.4f} of the true one"
         verdict = "converted" if found.converted else "failed"
         says.append(f"{CASES[case]}: {verdict}{told}: {found.reason}. Given beyond the scan: {GIVEN[case]}.")
         says += [*_posterior(found), *_bound(found)]
     says.append("The best route is given noisy points that lie evenly at random: on the lab's grid a narrow toe has more than its share of them.")
-    head = ("data set", "dimension", "true, mm", "found, mm", "standard deviation, mm", "told by the data", "error in standard deviations")
-    return Made(table=Table(head=head, rows=tuple(rows)), says=tuple(says))
+    return Made(table=Table(head=SIZES, rows=tuple(rows)), says=tuple(says))
+
+
+def _sizes(bench: Bench, found: Best) -> list[tuple[Cell, ...]]:
+    """Rows of SIZES: the dimensions beside the true ones."""
+    true = lab17(bench.options.seed).solids[BEAM].shape.parameters
+    rows: list[tuple[Cell, ...]] = []
+    for name, (value, std, observable) in found.parameters().items():
+        size = true.get(name)
+        error_std = None if size is None or not std else (value - size) / std
+        cells = (None if size is None else 1e3 * size, 1e3 * value, None if std is None else 1e3 * std, observable, error_std)
+        rows.append((CASES[found.case], name, *cells))
+    return rows
 
 
 def _posterior(found: Best) -> list[str]:
@@ -107,7 +117,7 @@ def _bound(found: Best) -> list[str]:
 
 
 def four_pictures(case: str) -> Callable[[Bench], Made]:
-    """Section 4.4 as pictures: the isolated beam, the first mesh, the estimated solid, the optimised mesh."""
+    """Section 4.4 of one data set: the isolated beam, the first mesh, the estimated cloud and solid with its dimensions, the optimised mesh."""
 
     def make(bench: Bench) -> Made:
         points = beam_points(bench, case)
@@ -125,10 +135,13 @@ def four_pictures(case: str) -> Callable[[Bench], Made]:
         if found.surface is not None:
             view = look_at(found.surface.vertices, width_px=_WIDE, height_px=_HIGH)
             close = _one_end(found.surface.vertices, view)
+            cloud, _ = sample_surface(found.surface, round(area(found.surface) / DENSE_M**2), bench.options.seed)
+            pictures.append((f"estimated cloud, {len(cloud):,} points", cloud_picture(cloud, camera=view)))
             pictures.append(("estimated solid", mesh_picture(found.surface, view)))
             pictures.append(("its mesh, one end", mesh_picture(found.surface, close, lines=True)))
-        says.append(f"{'Converted' if found.converted else 'Failed'}: {found.reason}.")
-        return Made(picture=tiles(pictures, 2), says=tuple(says))
+        says.append(f"{CASES[found.case]}: {'converted' if found.converted else 'failed'}: {found.reason}.")
+        table = Table(head=SIZES, rows=tuple(_sizes(bench, found)))
+        return Made(picture=tiles(pictures, 3), table=table if table.rows else None, says=tuple(says))
 
     return make
 
@@ -159,7 +172,7 @@ def boundary_representations(bench: Bench) -> Made:
 def finite_elements(bench: Bench) -> Made:
     """Chapter 5: what the converted beams do beside the true one."""
     true = bench.kept("true beam", lambda: true_response(bench))
-    rows: list[tuple[Cell, ...]] = [("true beam, beam theory", *_scaled(theory(bench)), None), ("true beam, finite elements", *_scaled(true), None)]
+    rows: list[tuple[Cell, ...]] = [("true beam, beam theory", *scaled(theory(bench)), None), ("true beam, finite elements", *scaled(true), None)]
     says: list[str] = []
     for case, found in _found(bench, says):
         if not found.converted:
@@ -167,17 +180,18 @@ def finite_elements(bench: Bench) -> Made:
             continue
         values = {(name, measure): case_value[0] for name, measure, _, _ in FIGURES if (case_value := found.case_value(name, measure)) is not None}
         tip, reference = values.get(("bend_x", "tip_x_m")), true["bend_x tip_x_m"]
-        rows.append((f"{CASES[case]}, {found.row.get('route')}", *_scaled({f"{a} {b}": v for (a, b), v in values.items()}), _error(tip, reference)))
-    head = ("beam", *(title for _, _, title, _ in FIGURES), "error of the tip, %")
-    says.append("Held at one end, 100 N at the centroid of the other along a leg; frequencies of the free beam. Steel S235.")
-    return Made(table=Table(head=head, rows=tuple(rows)), says=tuple(says))
+        rows.append((f"{CASES[case]}, {found.row.get('route')}", *scaled({f"{a} {b}": v for (a, b), v in values.items()}), error_of(tip, reference)))
+    used = FeaOptions()
+    load = f"{used.test_force_n:g} N at the centroid of the other along a leg"
+    says.append(f"Held at one end, {load}; frequencies of the free beam. Steel {used.material}.")
+    return Made(table=Table(head=FEA_HEAD, rows=tuple(rows)), says=tuple(says))
 
 
-def _error(value: float | None, reference: float) -> float | None:
+def error_of(value: float | None, reference: float) -> float | None:
     return None if value is None else 100 * (abs(value) / abs(reference) - 1)
 
 
-def _scaled(values: dict[str, float]) -> tuple[Cell, ...]:
+def scaled(values: dict[str, float]) -> tuple[Cell, ...]:
     return tuple(abs(values[f"{a} {b}"]) * scale if f"{a} {b}" in values else None for a, b, _, scale in FIGURES)
 
 
@@ -197,9 +211,13 @@ def true_response(bench: Bench) -> dict[str, float]:
     member, options = true_member(), FeaOptions()
     at = layers_of(solid_of(member))
     model = build_model(layered(at.points, at.triangles, at.rim, at.rim_tag, at.face_names), options)
-    found = solve(model, options, member)
+    return wanted_of(solve(model, options, member).cases)
+
+
+def wanted_of(cases: Iterable[CaseResult]) -> dict[str, float]:
+    """Those of FIGURES, SI."""
     wanted = {(name, measure) for name, measure, _, _ in FIGURES}
-    return {f"{case.name} {case.measure}": case.value for case in found.cases if (case.name, case.measure) in wanted}
+    return {f"{case.name} {case.measure}": case.value for case in cases if (case.name, case.measure) in wanted}
 
 
 def theory(bench: Bench) -> dict[str, float]:

@@ -11,7 +11,7 @@ from scan2fea import __version__
 from scan2fea.report.markup import NOTHING, Html, figure_cell, table, tag
 from scan2fea.thesis.bench import ThesisOptions
 from scan2fea.thesis.experiment import Cell, Experiment, Made, Table
-from scan2fea.thesis.published import source
+from scan2fea.thesis.published import blanks, source
 from scan2fea.thesis.registry import EXPERIMENTS, REPRINTED
 
 CHAPTERS = {
@@ -47,7 +47,7 @@ def render_page(made: Mapping[str, Made], options: ThesisOptions) -> str:
         if own:
             blocks.append(tag("h2", f"{key} {title}", id=f"c{key}"))
             blocks += [_block(experiment, made[experiment.id]) for experiment in own]
-    body = tag("body", tag("main", _top(made, options), *blocks, _rest(made)))
+    body = tag("body", tag("main", _top(made, options), *blocks, _blanks(made), _rest(made)))
     return f"<!DOCTYPE html>\n{tag('html', head, body, lang='en')}\n"
 
 
@@ -60,6 +60,7 @@ def _top(made: Mapping[str, Made], options: ThesisOptions) -> Html:
     failed = [name for name, item in made.items() if item.failed]
     said = f"{len(made) - len(failed)} of {len(EXPERIMENTS)} experiments made" + (f", {len(failed)} failed: {', '.join(failed)}" if failed else "")
     links = [tag("a", f"{key} {title}", href=f"#c{key}") for key, title in CHAPTERS.items()]
+    links.append(tag("a", "What the thesis left to be written", href="#blanks"))
     quick = "Quick run: smaller inputs, told where they are used. " if options.quick else ""
     stopped = "ODT, perturbation and exudation were stopped by a clock, and their figures depend on the machine"
     clock = "" if options.clock_s is None else f"{stopped} ({options.clock_s:g} s). "
@@ -109,6 +110,16 @@ def _cell(cell: Cell, name: str) -> Html | str:
     if isinstance(cell, int | float):
         return figure_cell("\u2013" if not math.isfinite(cell) else f"{cell:,}" if isinstance(cell, int) else f"{cell:.4g}", name)
     return cell
+
+
+def _blanks(made: Mapping[str, Made]) -> Html:
+    """Where on the page each blank of the thesis is filled."""
+    rows = []
+    for blank in blanks():
+        links = [tag("a", name, href=f"#{name}") if name in made else f"{name} (not run here)" for name in blank.at]
+        rows.append((blank.section, blank.asks, tag("span", *(part for link in links for part in (link, " ")))))
+    head = ("section", "what is asked there", "answered at")
+    return tag("section", tag("h2", "What the thesis left to be written", id="blanks"), table(head, rows))
 
 
 def _rest(made: Mapping[str, Made]) -> Html:

@@ -39,6 +39,15 @@ class PrintedTable:
     rows: tuple[Printed, ...]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Blank:
+    """What the thesis leaves to be written.   asks : what is missing there.   at : experiments that answer it."""
+
+    section: str
+    asks: str
+    at: tuple[str, ...]
+
+
 @cache
 def _tree() -> Mapping[str, Any]:
     return tomllib.loads(resources.files("scan2fea.thesis").joinpath("published.toml").read_text(encoding="utf-8"))
@@ -66,3 +75,9 @@ def printed_tables() -> Mapping[str, PrintedTable]:
         item["id"]: PrintedTable(id=item["id"], section=item["section"], title=item["title"], rows=tuple(Printed(**row) for row in item["rows"]))
         for item in _tree()["table"]
     }
+
+
+@cache
+def blanks() -> tuple[Blank, ...]:
+    """In the order of the text."""
+    return tuple(Blank(section=item["section"], asks=item["asks"], at=tuple(item["at"])) for item in _tree()["blank"])

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from scan2fea.errors import UsageError, require
-from scan2fea.thesis import approach, background, blanks, conclusion, drawings, hypotheses, results, segments, unposed
+from scan2fea.thesis import approach, background, blanks, conclusion, drawings, hypotheses, own_meshes, results, segments, unposed
 from scan2fea.thesis.bench import ThesisOptions
-from scan2fea.thesis.best import CASES, OF_CLOUD, shown
+from scan2fea.thesis.best import CASES, OF_CLOUD, every_of, shown
 from scan2fea.thesis.experiment import Chore, Experiment
 from scan2fea.thesis.published import printed_tables
 
@@ -43,7 +43,13 @@ def _of_table(name: str, case: str) -> Callable[[ThesisOptions], Sequence[Chore]
 
 
 def _of_best(options: ThesisOptions) -> Sequence[Chore]:
-    return [("lab",), ("hdl", "5"), *(("best", case) for case in conclusion.cases_of(options))]
+    cases = conclusion.cases_of(options)
+    sweeps = sorted({str(every_of(case)) for case in cases if case.startswith("hdl")})
+    return [("lab",), *(("hdl", every) for every in sweeps), *(("best", case) for case in cases)]
+
+
+def _of_own_meshes(options: ThesisOptions) -> Sequence[Chore]:
+    return () if options.quick else [chore for name, case in own_meshes.OF_TABLE.items() for chore in _of_table(name, case)(options)]
 
 
 def _of_pictures(case: str) -> Callable[[ThesisOptions], Sequence[Chore]]:
@@ -71,7 +77,7 @@ def _all() -> Iterable[Experiment]:
     one = Experiment
     zero, noise = _of_clouds(("lab",), ("treated", "zero")), _of_clouds(("treated", "noise"))
     hdl, sweeps = _of_clouds(*_CLOUD["hdl"]), _of_clouds(("hdl", "5"))
-    cut = _of_clouds(*(chore for mesh in ("SS2", "SS4") for chore in _of_mesh("hdl", mesh, "exude")), ("best", "hdl"), ("best", "hdl_known"))
+    cut = _of_clouds(*(chore for mesh in ("SS2", "SS4") for chore in _of_mesh("hdl", mesh, "exude")), ("best", "hdl_known"))
     yield one(id="F2.4", section="2.1.2", title="One turn of a single-beam LiDAR", make=background.one_beam)
     yield one(id="F2.5", section="2.1.2", title="Data of an HDL-32E", make=background.hdl_data)
     yield one(id="S2.1", section="2.1.2", title="What the sensors of 2.1 bring home (left open)", make=blanks.sensors)
@@ -134,6 +140,8 @@ def _all() -> Iterable[Experiment]:
     yield one(id="S5.1", section="5", title="Boundary representations", make=conclusion.boundary_representations, needs=_of_best)
     beside = "Finite elements: the converted beams beside the true one"
     yield one(id="S5.2", section="5", title=beside, make=conclusion.finite_elements, needs=_of_best)
+    own = "Finite elements: the thesis's own meshes that convert"
+    yield one(id="S5.3", section="5", title=own, make=own_meshes.thesis_meshes, needs=_of_own_meshes)
     yield one(id="H1", section="H", title="When the beam can be isolated", make=hypotheses.isolation, needs=hypotheses.isolation_chores)
     yield one(id="H2.1", section="H", title="Free form by spacing and noise", make=hypotheses.free_map, needs=hypotheses.chores_of("free"))
     yield one(id="H2.2", section="H", title="Free form by what was seen", make=hypotheses.view_map, needs=hypotheses.chores_of("views"))

@@ -8,12 +8,13 @@ import numpy as np
 
 from scan2fea.errors import Scan2FeaError, StageError, require
 from scan2fea.kernel.measures import area, volume
-from scan2fea.kernel.quality import TRIANGLE_LIMITS
+from scan2fea.kernel.quality import TRIANGLE_LIMITS, triangle_quality
 from scan2fea.kernel.topology import face_components
 from scan2fea.reconstruction.scale_space import smoothing_radius
 from scan2fea.repair.clean import taken, without_unused
 from scan2fea.thesis.bench import Bench
 from scan2fea.thesis.best import KNOWN, STATED, Best, best, shown
+from scan2fea.thesis.chain import STEPS, Step
 from scan2fea.thesis.clouds import beam_points, beam_solid
 from scan2fea.thesis.experiment import Cell, Made, Table
 from scan2fea.thesis.measured import QUALITIES, Measured, measured
@@ -46,8 +47,7 @@ def mesh_picture_of(case: str, mesh: str, stage: str) -> Callable[[Bench], Made]
         else:
             found = step(bench, case, mesh, stage)
             shown, says = found.mesh, [f"{NAMES[mesh]}, {stage}: {found.done}."]
-            if stage in ("perturb", "exude") and len(found.tets):
-                says.append("Tets change inside; the vertices of the surface are held, so that it looks as after ODT.")
+            says += changed(step(bench, case, mesh, STEPS[STEPS.index(stage) - 1]), found)
         return Made(picture=mesh_figure(shown, views, SHADES), says=(*says, *_quick(bench, case)))
 
     return make
@@ -55,6 +55,30 @@ def mesh_picture_of(case: str, mesh: str, stage: str) -> Callable[[Bench], Made]
 
 def _quick(bench: Bench, case: str) -> tuple[str, ...]:
     return (f"Quick: a stretch of {beam_solid(bench).shape.parameters['length']:g} m of the beam.",) if bench.options.quick and case != "hdl" else ()
+
+
+def changed(before: Step, now: Step) -> list[str]:
+    """What one step of the chain did to the mesh of the step before, in figures."""
+    says = []
+    if before.mesh.vertices.shape == now.mesh.vertices.shape:
+        away = 1e3 * np.linalg.norm(now.mesh.vertices - before.mesh.vertices, axis=1)
+        moved = f"{np.count_nonzero(away):,} of {len(away):,} vertices of the surface moved"
+        says.append(moved + (f", by {np.median(away):.3g} mm in the median, {away.max():.3g} mm at most" if away.any() else ""))
+    q3 = [np.asarray(triangle_quality(s.mesh.vertices, s.mesh.faces)["Q3"]) for s in (before, now)]
+    if before.mesh is not now.mesh and not np.array_equal(q3[0], q3[1]):
+        least, middle = (" to ".join(f"{pick(q):.3g}" for q in q3) for pick in (np.min, np.median))
+        area_m2 = " to ".join(f"{area(s.mesh):.4g}" for s in (before, now))
+        says.append(f"least Q3 {least}, its median {middle}, area {area_m2} m2")
+    if len(before.tets) and len(now.tets):
+        own, others = ({tuple(row) for row in np.sort(s.tets, axis=1).tolist()} for s in (now, before))
+        inside = np.count_nonzero(np.any(now.nodes != before.nodes, axis=1)) if now.nodes.shape == before.nodes.shape else 0
+        joined = f"{len(own - others):,} of {len(own):,} tets join other nodes than before"
+        says.append(f"{inside:,} of {len(now.nodes):,} nodes of the tets moved, {joined}")
+        if inside == 0:
+            says.append("exudation changes which nodes are joined, not where they are: it turns no lip and smooths no pock-marks")
+    elif len(now.tets):
+        says.append("the tets were made anew inside; the vertices of the surface are held")
+    return [f"Beside the step before: {'; '.join(says)}."] if says else []
 
 
 def quality_table(name: str, case: str) -> Callable[[Bench], Made]:
@@ -166,9 +190,14 @@ def cut_picture(mesh: str) -> Callable[[Bench], Made]:
         found = step(bench, "hdl", mesh, "exude")
         kept, n_cut = largest_part(found.mesh)
         says = f"{n_cut} of {n_cut + 1} shells cut off automatically: all but the largest; {1e3 * abs(volume(kept)):.3f} l remain."
-        return Made(picture=mesh_figure(kept, views_of(beam_points(bench, "hdl")), SHADES), says=(says,))
+        beside = "; ".join(f"{title} {_in_brief(measured(shape))}" for title, shape in (("before the cut", found.mesh), ("after it", kept)))
+        return Made(picture=mesh_figure(kept, views_of(beam_points(bench, "hdl")), SHADES), says=(says, f"{beside[0].upper()}{beside[1:]}."))
 
     return make
+
+
+def _in_brief(m: Measured) -> str:
+    return f"{m.n_faces:,} triangles, least Q3 {m.q[2]:.3g}, " + (f"no solid: {m.reason}" if m.reason else "one solid")
 
 
 def cut_table(bench: Bench) -> Made:

@@ -122,10 +122,10 @@ def test_misses_beyond_the_budget_are_thinned_evenly(sizes):
     rows = np.cumsum([0, *sizes])
     for first, last in itertools.pairwise(rows):
         origin = np.arange(first, last, dtype=float)[:, None] * np.ones(3)
-        misses.add(origin, -origin)
-    origin, direction = misses.whole()
+        misses.add(origin, -origin, 2 * origin[:, 0])
+    origin, direction, time_s = misses.whole()
     step = 1
     while -(-sum(sizes) // step) > 10:
         step *= 2
     assert origin[:, 0].tolist() == list(range(0, sum(sizes), step)) and misses.step == step
-    assert (direction == -origin).all()
+    assert (direction == -origin).all() and (time_s == 2 * origin[:, 0]).all()

@@ -1,12 +1,19 @@
 """What is said of a motion that is not believed."""
 
+import dataclasses
 import math
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from scan2fea.pipeline.sweeps import _gap, _why_not
-from scan2fea.registration import Odometry
+from scan2fea.io import read_scan
+from scan2fea.pipeline.simulate import scanned, with_sensor
+from scan2fea.pipeline.simulate_logs import write_logs
+from scan2fea.pipeline.sweeps import _gap, _why_not, unrolled
+from scan2fea.registration import Odometry, RegistrationOptions
 from scan2fea.registration.agreement import Agreement
+from scan2fea.simulation.motion import path_of, trajectory_at
+from scan2fea.simulation.scene_names import lab_file
 from scan2fea.types import Rays
 
 FOUND = {
@@ -39,3 +46,24 @@ def test_the_gap_between_beams_is_that_of_the_rings_or_along_them():
     assert abs(math.degrees(_gap(fan([-2, 0, 2, 4], 0.5))) - 2) < 1e-9
     assert abs(math.degrees(_gap(fan([-0.5, 0, 0.5], 3.0))) - 3) < 0.01
     assert _gap(fan([0.0], 1.0)) == 0.0
+
+
+def test_rays_that_met_nothing_move_with_the_scanner(tmp_path):
+    given = with_sensor(lab_file(0), "hdl32e")
+    sensor = dataclasses.replace(given.sensors[0], options=dataclasses.replace(given.sensors[0].options, times_s=(0.0, 0.4)))
+    scans = [scan for _, scan in scanned(dataclasses.replace(given, sensors=(sensor,)), 0)]
+    write_logs(tmp_path, "lab", "hdl32e", sensor.options, scans, 0)
+    raw = read_scan(tmp_path / "lab.pcap")
+    times = np.linspace(0.0, 0.4, 41)
+    made, path, _ = unrolled(raw, 0, RegistrationOptions(), trajectory_at(path_of(sensor.options, "hdl32e"), times))
+    rays, cloud = made.scan.rays, made.scan.cloud
+    lost = np.isnan(rays.range_m)
+    assert path is not None and np.array_equal(cloud.ray, np.arange(len(cloud))) and not lost[: len(cloud)].any()
+    true_origin, true_direction = (
+        np.concatenate([getattr(s.rays, name)[np.isnan(s.rays.range_m)] for s in scans]) for name in ("origin", "direction")
+    )
+    assert 0.9 * len(true_origin) < lost.sum() <= len(true_origin) + 384  # a packet is filled up
+    # the shots of a packet lie apart by the angle of a firing; each true one has its own within that, at the place of that moment
+    away, nearest = cKDTree(np.hstack([rays.origin[lost], rays.direction[lost]])).query(np.hstack([true_origin, true_direction]))
+    within = away < 4e-3
+    assert within.mean() > 0.95 and len(np.unique(nearest[within])) > 0.9 * len(true_origin)

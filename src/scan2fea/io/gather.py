@@ -24,7 +24,7 @@ class Gathered:
     """Columns of the points that are kept, metres.
 
     points : (n, 3).   raw_points : the first rows as in the file.   raw_index : (n,).   sensor : (n, 3) or (1, 3), nan unknown, or None.
-    miss_origin, miss_direction : (m, 3) rays without return whose direction is known.
+    miss_origin, miss_direction : (m, 3) rays without return whose direction is known.   miss_time : (m,) when they were sent, nan where not told.
     """
 
     points: FloatArray
@@ -34,6 +34,7 @@ class Gathered:
     sensor: FloatArray | None
     miss_origin: FloatArray
     miss_direction: FloatArray
+    miss_time: FloatArray
     n_rows: int
     n_dropped: int
     n_misses: int
@@ -43,7 +44,7 @@ class Gathered:
     def rays(self, time_s: FloatArray | None = None, ring: FloatArray | None = None) -> tuple[IntArray, Rays | None]:
         """The row of each point in the rays, -1 where its sensor is not known, and the rays: of the points in order, then the misses.
 
-        time_s, ring : (n,) of the points; of misses they are not kept (nan, -1).
+        time_s, ring : (n,) of the points; of misses the ring is not kept (-1).
         """
         n = len(self.points)
         ray = np.full(n, -1, np.int64)
@@ -62,7 +63,7 @@ class Gathered:
             origin=np.concatenate([origin[known], self.miss_origin]),
             direction=np.concatenate([offset[known] / distance[known, None], self.miss_direction]),
             range_m=np.concatenate([distance[known], np.full(n_misses, np.nan)]),
-            time_s=None if time_s is None else np.concatenate([time_s[known], np.full(n_misses, np.nan)]),
+            time_s=None if time_s is None else np.concatenate([time_s[known], self.miss_time]),
             ring=None if ring is None else np.concatenate([ring[known].astype(np.int64), np.full(n_misses, -1, np.int64)]),
         )
 
@@ -174,28 +175,31 @@ def gather(path: Path, pieces: Callable[[], Iterator[Piece]], wanted: tuple[str,
     return _gathered(found, limit)
 
 
+_Ray = tuple[FloatArray, FloatArray, FloatArray]
+_NO_RAY: _Ray = (np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+
+
 class _Misses:
     """Rays without return: all of them, or every 2nd, 4th, ... where there are more than `limit`."""
 
     def __init__(self, limit: int) -> None:
         self.limit = limit
         self.n_added, self.step = 0, 1
-        self.parts: list[tuple[FloatArray, FloatArray]] = []
+        self.parts: list[_Ray] = []
 
-    def add(self, origin: FloatArray, direction: FloatArray) -> None:
+    def add(self, origin: FloatArray, direction: FloatArray, time_s: FloatArray) -> None:
         first = -self.n_added % self.step
         self.n_added += len(origin)
-        self.parts.append((origin[first :: self.step].copy(), direction[first :: self.step].copy()))
-        while sum(len(part) for part, _ in self.parts) > self.limit:
-            whole = self.whole()
+        self.parts.append((origin[first :: self.step].copy(), direction[first :: self.step].copy(), time_s[first :: self.step].copy()))
+        while sum(len(part[0]) for part in self.parts) > self.limit:
+            origin, direction, time_s = self.whole()
             self.step *= 2
-            self.parts = [(whole[0][::2].copy(), whole[1][::2].copy())]
+            self.parts = [(origin[::2].copy(), direction[::2].copy(), time_s[::2].copy())]
 
-    def whole(self) -> tuple[FloatArray, FloatArray]:
-        """Origins and directions (m, 3) of those kept."""
-        if not self.parts:
-            return np.zeros((0, 3)), np.zeros((0, 3))
-        return np.concatenate([origin for origin, _ in self.parts]), np.concatenate([direction for _, direction in self.parts])
+    def whole(self) -> _Ray:
+        """Origins and directions (m, 3) and times (m,) of those kept."""
+        parts = self.parts or [_NO_RAY]
+        return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts]), np.concatenate([p[2] for p in parts])
 
 
 @dataclass
@@ -270,7 +274,7 @@ def _gathered(found: _Found, limit: int) -> Gathered:
         points = stream.mean()
     else:
         points = np.concatenate(found.rows.points) if found.rows.points else np.zeros((0, 3))
-    origin, direction = found.misses.whole()
+    origin, direction, time_s = found.misses.whole()
     return Gathered(
         points=points,
         raw_points=found.raw,
@@ -279,6 +283,7 @@ def _gathered(found: _Found, limit: int) -> Gathered:
         sensor=None if bool(np.isnan(sensor).all()) else sensor,
         miss_origin=origin,
         miss_direction=direction,
+        miss_time=time_s,
         n_rows=found.n_rows,
         n_dropped=found.n_dropped,
         n_misses=found.n_misses,
@@ -287,14 +292,15 @@ def _gathered(found: _Found, limit: int) -> Gathered:
     )
 
 
-def _misses(piece: Piece, scale: float) -> tuple[int, tuple[FloatArray, FloatArray]]:
-    """How many misses have no known direction, and origin and direction of the others."""
+def _misses(piece: Piece, scale: float) -> tuple[int, _Ray]:
+    """How many misses have no known direction, and origin, direction and time of the others."""
     if piece.is_miss is None or piece.direction is None or piece.sensor is None:
-        return int(piece.is_miss.sum()) if piece.is_miss is not None else 0, (np.zeros((0, 3)), np.zeros((0, 3)))
+        return int(piece.is_miss.sum()) if piece.is_miss is not None else 0, _NO_RAY
     direction = piece.direction[piece.is_miss]
     known = np.isfinite(direction).all(axis=1)
     origin = np.broadcast_to(piece.sensor, piece.points.shape)[piece.is_miss] * scale
-    return int((~known).sum()), (origin[known], direction[known])
+    time_s = np.asarray(piece.columns["time"], float)[piece.is_miss] if "time" in piece.columns else np.full(len(known), np.nan)
+    return int((~known).sum()), (origin[known], direction[known], time_s[known])
 
 
 def _notes(found: _Found, stream: VoxelStream | None, limit: int) -> tuple[str, ...]:

@@ -111,24 +111,36 @@ def _why_not(found: Odometry) -> str:
 
 
 def _moved(raw: RawScan, path: SweepPath, first: IntArray, share: FloatArray, says: str) -> RawScan:
-    """Every point and its ray where the scanner was at their moment; rays without return have no times and are left out."""
+    """Every point and its ray where the scanner was at their moment; those without return too, where the file told their moment."""
     cloud, rays = raw.scan.cloud, raw.scan.rays
     if rays is None:
         return raw
-    own = rays.origin[cloud.ray]
     points = moved(cloud.points, path.T_frame_knot, first, share)
+    lost, its_first, its_share = _without_return(rays, cloud.ray, path)
+    rows, first, share = np.concatenate([cloud.ray, lost]), np.concatenate([first, its_first]), np.concatenate([share, its_share])
     R, _ = between(path.T_frame_knot, first, share)
     scan = Scan(
         cloud=cloud.replaced(points=points, ray=np.arange(len(cloud), dtype=np.int64), normals=None),
         rays=Rays(
-            origin=moved(own, path.T_frame_knot, first, share),
-            direction=np.einsum("nij,nj->ni", R, rays.direction[cloud.ray]),
-            range_m=rays.range_m[cloud.ray],
-            time_s=None if rays.time_s is None else rays.time_s[cloud.ray],
-            ring=None if rays.ring is None else rays.ring[cloud.ray],
+            origin=moved(rays.origin[rows], path.T_frame_knot, first, share),
+            direction=np.einsum("nij,nj->ni", R, rays.direction[rows]),
+            range_m=rays.range_m[rows],
+            time_s=None if rays.time_s is None else rays.time_s[rows],
+            ring=None if rays.ring is None else rays.ring[rows],
         ),
     )
     return replace(raw, scan=scan, notes=(*_without_turns(raw), says), pose_given=bool(np.isnan(path.std_m).all()))
+
+
+def _without_return(rays: Rays, used: IntArray, path: SweepPath) -> tuple[IntArray, IntArray, FloatArray]:
+    """Rows of the rays that met nothing at a moment that the path knows, the knot before each and the share of the way to the next."""
+    is_used = np.zeros(len(rays), bool)
+    is_used[used] = True
+    knots, time = path.time_s, np.full(len(rays), np.nan) if rays.time_s is None else rays.time_s
+    time = time + HOUR_S * np.round((0.5 * (knots[0] + knots[-1]) - time) / HOUR_S)
+    rows = np.flatnonzero(~is_used & np.isnan(rays.range_m) & (time >= knots[0]) & (time <= knots[-1]))
+    first = np.clip(np.searchsorted(knots, time[rows], side="right") - 1, 0, len(knots) - 2).astype(np.int64)
+    return rows, first, np.asarray((time[rows] - knots[first]) / (knots[first + 1] - knots[first]))
 
 
 def _without_turns(raw: RawScan) -> tuple[str, ...]:

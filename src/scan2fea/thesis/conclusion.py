@@ -70,7 +70,7 @@ def dimensions(bench: Bench) -> Made:
         told = "" if ratio is None else f", volume {ratio:.4f} of the true one"
         verdict = "converted" if found.converted else "failed"
         says.append(f"{CASES[case]}: {verdict}{told}: {found.reason}. Given beyond the scan: {GIVEN[case]}.")
-        says += [*_posterior(found), *_bound(found)]
+        says += [*_posterior(found), *_assumed(bench, found), *_bound(found)]
     says.append("The best route is given noisy points that lie evenly at random: on the lab's grid a narrow toe has more than its share of them.")
     return Made(table=Table(head=SIZES, rows=tuple(rows)), says=tuple(says))
 
@@ -95,6 +95,18 @@ def _posterior(found: Best) -> list[str]:
         return []
     likeliest = "; ".join(f"{e['name']} {100 * e['probability']:.0f} %" for e in entries[:3])
     return [f"{CASES[found.case]}: not told by the points: {', '.join(hidden)}; the catalogue's posterior: {likeliest}."]
+
+
+def _assumed(bench: Bench, found: Best) -> list[str]:
+    """What was built where the points do not tell a wall, beside the truth and the doubt that the program states of it."""
+    true, says = lab17(bench.options.seed).solids[BEAM].shape.parameters, []
+    for name, told in ((found.row.get("member") or {}).get("parameters") or {}).items():
+        if told["observable"] or not told.get("spread_m") or name not in true or found.surface is None:
+            continue
+        value, spread, size = told["value_m"], told["spread_m"], true[name]
+        off = f"{1e3 * (value - size):+.2f} mm off the true {1e3 * size:.2f}, {abs(value - size) / spread:.1f} times the doubt stated of it"
+        says.append(f"{CASES[found.case]}: {name} was assumed, not measured: built with {1e3 * value:.2f} mm, {off} ({1e3 * spread:.2f} mm).")
+    return says
 
 
 def wall_bound(wall_m: float, sigma_m: float, n: int) -> float:

@@ -297,7 +297,7 @@ def _misses(piece: Piece, scale: float) -> tuple[int, _Ray]:
     if piece.is_miss is None or piece.direction is None or piece.sensor is None:
         return int(piece.is_miss.sum()) if piece.is_miss is not None else 0, _NO_RAY
     direction = piece.direction[piece.is_miss]
-    known = np.isfinite(direction).all(axis=1)
+    known = np.asarray(np.isfinite(direction).all(axis=1))
     origin = np.broadcast_to(piece.sensor, piece.points.shape)[piece.is_miss] * scale
     time_s = np.asarray(piece.columns["time"], float)[piece.is_miss] if "time" in piece.columns else np.full(len(known), np.nan)
     return int((~known).sum()), (origin[known], direction[known], time_s[known])

@@ -59,3 +59,49 @@ def test_member_is_what_is_three_times_as_long_as_deep():
         found = select(cloud, Segments(labels=labels, kinds=roles, how={}), SelectOptions(kinds=("member",)))
         assert found.labels == wanted
     assert found.why[0] == "not modelled: no member: less than three times as long as deep (select.kinds)"
+
+
+def workshop(n_members=2, gap=0.0, beside=1.0):
+    """A floor, so many bars 2 m long that hang over it, and a box `gap` above the floor, `beside` from a post. Names as guessed."""
+    rng = np.random.default_rng(3)
+
+    def box(size, at, n):
+        points = rng.random((n, 3))
+        points[np.arange(n), rng.integers(0, 3, n)] = rng.integers(0, 2, n)
+        return points * size + at
+
+    parts = [np.c_[4 * rng.random((8000, 2)), np.zeros(8000)], box([0.5, 0.5, 0.4], [2.0, 2.0, gap], 4000)]
+    parts += [box([2.0, 0.1, 0.1], [0.5, 0.5 * k, 1.0], 3000) for k in range(n_members)]
+    parts += [box([0.1, 0.1, 0.2], [2.5 + beside, 2.0, 0.0], 1000)]
+    names = ("floor", "box", *("I",) * n_members, "T")
+    labels = np.repeat(np.arange(len(parts)), [len(p) for p in parts])
+    roles = ("support", *("object",) * (n_members + 1), "object")
+    return PointCloud.of(np.concatenate(parts)), Segments(labels=labels, kinds=roles, how={}), names
+
+
+@pytest.mark.parametrize(
+    ("scene", "options", "is_left_out"),
+    [
+        ({}, {}, True),
+        ({"n_members": 1}, {}, False),  # no structure
+        ({"gap": 0.5}, {}, False),  # hangs
+        ({"beside": 0.01}, {}, False),  # something leans on it
+        ({}, {"furnishing": True}, False),
+        ({}, {"kinds": ("box", "I")}, False),
+        ({}, {"labels": (1,)}, False),
+        ({}, {"near_m": (2.0, 2.0, 0.2)}, False),
+    ],
+)
+def test_a_box_that_stands_free_in_a_scene_of_members_is_furniture(scene, options, is_left_out):
+    cloud, segments, names = workshop(**scene)
+    found = select(cloud, segments, SelectOptions(min_share=0.0, **options), names=names)
+    assert (1 not in found.labels) == is_left_out
+    assert not is_left_out or ("stands free on the floor" in found.why[1] and len(found.labels) == len(names) - 2)
+
+
+def test_nothing_is_furniture_whose_kind_is_not_known_or_whose_row_a_person_has_edited():
+    cloud, segments, names = workshop()
+    assert 1 in select(cloud, segments).labels
+    assert 1 in select(cloud, segments, names=("floor", "object", *names[2:])).labels
+    edited = Segments(labels=segments.labels, kinds=segments.kinds, how={"edited": True})
+    assert 1 in select(cloud, edited, names=names).labels

@@ -47,6 +47,7 @@ class SelectOptions:
         "What to model: object, support, clutter; member (an object three times as long as deep); or kinds as guessed: "
         "I, L, C, T, plate, box, pipe, free form, floor, wall, unknown",
     )
+    furnishing: bool = option(False, "Model boxes and heaps that stand free on the floor of a scene of members, too")
     labels: tuple[int, ...] = option((), "Only these labels of labels.csv, whatever their kind; none: all")
     least_m: float = option(0.0, "Segments whose box has a shorter diagonal are left out", unit="m", minimum=0.0)
     most_m: float | None = option(None, "Segments whose box has a longer diagonal are left out; none: no limit", unit="m", minimum=0.0)

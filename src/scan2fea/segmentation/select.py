@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from scan2fea.errors import UsageError, require
+from scan2fea.segmentation.furnishing import KINDS as FURNITURE
+from scan2fea.segmentation.furnishing import furnishing
 from scan2fea.segmentation.kinds import OBJECT_KINDS, SUPPORT_KINDS, UNKNOWN
 from scan2fea.segmentation.options import SelectOptions
 from scan2fea.types import FloatArray, PointCloud, Segments
@@ -17,6 +19,7 @@ ROLES = ("object", "support", "clutter")
 MEMBER = "member"  # among select.kinds: every object that is slender, whatever it is guessed to be
 KINDS = (*ROLES, MEMBER, *(kind for kind in OBJECT_KINDS if kind not in ROLES), *SUPPORT_KINDS, UNKNOWN)
 _ROLE_SAYS = {"support": "a support, which carries or bounds the rest", "clutter": "clutter, a leftover of a support"}
+_FURNITURE = "a box or heap that stands free on the floor of a scene of members (select.furnishing = true models it)"
 _SLENDER = 3.0  # length over the larger side of the section: EN 1992-1-1, 5.3.1
 _TAIL = 0.01
 _KIND_SAYS = {"floor": "a floor, which carries the rest", "wall": "a wall, which bounds the rest"}
@@ -58,6 +61,8 @@ def select(
     else:
         slender = frozenset(_slender(cloud, segments)) if MEMBER in options.kinds else frozenset()
         wanted = _of_kinds(order, segments.kinds, names or segments.kinds, options.kinds, left_out, slender)
+        spared = _furniture(cloud, segments, options, names, given)
+        wanted = _keep(wanted, lambda label: label not in spared, _FURNITURE, left_out)
     wanted = _by_place(cloud, segments, options, wanted, left_out)
     least = max(float(options.min_points), options.min_share * max((counts[label] for label in wanted), default=0))
     few = f"with fewer than {round(least)} points (select.min_points, select.min_share)"
@@ -74,6 +79,15 @@ def _keep(labels: list[int], wanted: Callable[[int], bool], why_not: str, left_o
     """The wanted labels; the others are entered in `left_out` under the reason."""
     left_out[why_not] = [label for label in labels if not wanted(label)]
     return [label for label in labels if wanted(label)]
+
+
+def _furniture(cloud: PointCloud, segments: Segments, options: SelectOptions, names: Sequence[str], given: Collection[int]) -> list[int]:
+    """Labels that are left out as furniture: none where the user has picked by place or kind, or has edited the labels."""
+    picked = options.furnishing or options.near_m is not None or options.box_m is not None or segments.how.get("edited")
+    if picked or not set(names) & set(FURNITURE):
+        return []
+    found = furnishing(cloud, segments, names, _slender(cloud, segments))
+    return [label for label in found if label not in given and names[label] not in options.kinds]
 
 
 def _slender(cloud: PointCloud, segments: Segments) -> list[int]:

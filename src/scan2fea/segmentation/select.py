@@ -123,7 +123,7 @@ def _of_kinds(
     """
     for kind in kinds:
         near = difflib.get_close_matches(kind, KINDS, n=1)
-        says = f"select.kinds: there is no kind {kind!r}{f'; did you mean {near[0]!r}?' if near else ''} There are {', '.join(KINDS)}"
+        says = f"select.kinds: there is no kind {kind!r}{f', did you mean {near[0]!r}?' if near else ''}; there are {', '.join(KINDS)}"
         require(kind in KINDS, UsageError, says)
 
     def fits(label: int) -> bool:

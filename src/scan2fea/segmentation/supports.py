@@ -9,6 +9,7 @@ are large planes too, so size decides nothing. What decides, for a plane of a co
    footprint's axes (the fourth may lie in the scanner's shadow; in all four where the plane itself stands on another support). The web
    on a flange, the other leg of an angle run out at the ends of the plane;
 4. the plane is at least as wide as that thing is tall: a column on its base plate is one object, a column on a floor is not part of it;
+   Where nothing does because all that stands there is joined to walls, the same is asked once more with those walls (`walls`) apart;
 5. without a known sensor: no more than six tenths of the border of the plane are lined by walls going up (a box seen from outside with a
    pocket in its face, and a room seen from inside, are then the same points); where two things or more stand clear, three quarters.
 
@@ -26,7 +27,7 @@ from scan2fea.kernel.threads import in_threads
 from scan2fea.segmentation.footprint import DIRECTIONS, border_share, directions_beyond, grid_on, is_covered, least_extent, standing_parts
 from scan2fea.segmentation.planes import Plane, PlaneFinder
 from scan2fea.segmentation.walls import wall_among
-from scan2fea.types import FloatArray, IntArray, Value
+from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 _BEHIND = 0.05
 _BODY = 0.5
@@ -113,6 +114,7 @@ def _connected(points: FloatArray, rows: IntArray, radius_m: float, min_points: 
 def _support_of(finder: PlaneFinder, rows: IntArray, sensors: FloatArray, radius_m: float, min_points: int, floor: Plane | None) -> Plane | None:
     """The largest plane of one connected part that is a support; on another support only one that faces as it does."""
     points = finder.points[rows]
+    upwards = []
     for plane in finder.of(rows):
         height = plane.height(points)
         upward = plane if (height > plane.band_m).sum() >= (height < -plane.band_m).sum() else plane.flipped()
@@ -120,12 +122,40 @@ def _support_of(finder: PlaneFinder, rows: IntArray, sensors: FloatArray, radius
             continue  # an upright plane with something on it is part of a thing as often as a wall: in doubt the thing stays whole
         if carries(upward, points, sensors, radius_m, min_points, DIRECTIONS - 1 if floor is None else DIRECTIONS):
             return upward
+        upwards.append(upward)
+    for upward in upwards if floor is None else ():
+        walls = _walls_on(upward, finder, rows, sensors, radius_m)
+        if walls.any() and carries(upward, points, sensors, radius_m, min_points, walls=walls):
+            return upward
     return None
 
 
-def carries(plane: Plane, points: FloatArray, sensors: FloatArray, radius_m: float, min_points: int, directions: int = DIRECTIONS - 1) -> bool:
-    """The tests of the module's docstring, for the side the plane's normal points to."""
+def _walls_on(floor: Plane, finder: PlaneFinder, rows: IntArray, sensors: FloatArray, radius_m: float) -> BoolArray:
+    """(m,) which points of a connected part (rows (m,), their sensors) would be walls if the plane were a floor."""
+    points = finder.points[rows]
+    on = np.abs(floor.height(points)) <= floor.band_m
+    width = _width(floor, points[on], radius_m)
+    walls, part = np.zeros(len(rows), bool), np.ones(len(rows), bool)
+    while (found := wall_among(finder.of(rows[part]), points, part, sensors, floor, width, radius_m)) is not None:
+        plane, depth = found
+        height = plane.height(points)
+        walls |= part & ~on & (height >= -plane.band_m) & (height <= depth)
+        part = ~on & ~walls
+    return walls
+
+
+def carries(
+    plane: Plane,
+    points: FloatArray,
+    sensors: FloatArray,
+    radius_m: float,
+    min_points: int,
+    directions: int = DIRECTIONS - 1,
+    walls: BoolArray | None = None,
+) -> bool:
+    """The tests of the module's docstring, for the side the plane's normal points to. walls : (n,) points that line it and join nothing."""
     height = plane.height(points)
+    apart = np.zeros(len(points), bool) if walls is None else walls
     on, above = np.abs(height) <= plane.band_m, height > plane.band_m
     if not above.any() or (~on & ~above).sum() > _BEHIND * len(points):
         return False
@@ -137,12 +167,12 @@ def carries(plane: Plane, points: FloatArray, sensors: FloatArray, radius_m: flo
     floor, body = grid.occupied(points[on]), grid.occupied(points[above])
     if body.sum() >= _BODY * (floor | body).sum():
         return False
-    parts = standing_parts(points, height, plane.band_m, grid, radius_m, min_points)
+    parts = standing_parts(points[~apart], height[~apart], plane.band_m, grid, radius_m, min_points)
     width = least_extent(floor, grid.edge_m)
     stands = [directions_beyond(part.cells, floor) >= directions and part.height_m <= width for part in parts]
     if not any(ok and is_covered(part.cells) for ok, part in zip(stands, parts, strict=True)):
         return False
-    lining = np.zeros(grid.shape, bool)
+    lining = grid.occupied(points[apart & above])
     for ok, part in zip(stands, parts, strict=True):
         lining |= part.cells & (not ok)
     n_clear = sum(ok and is_covered(part.cells) for ok, part in zip(stands, parts, strict=True))

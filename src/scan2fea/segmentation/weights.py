@@ -82,7 +82,7 @@ def read_weights(path: Path) -> Weights:
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror or error}): name weights that `scan2fea train` wrote") from error
     except (ValueError, zipfile.BadZipFile, KeyError, EOFError, AttributeError, TypeError) as error:
-        raise FormatError(f"{path}: not weights of scan2fea ({error}); make them with `scan2fea train`") from error
+        raise FormatError(f"{path}: not weights of scan2fea (no .npz file, or a broken one); make them with `scan2fea train`") from error
     return weights_of(arrays, str(path))
 
 

@@ -61,7 +61,7 @@ def measured(case: int) -> dict[str, object]:
     started = time.process_time()
     rays, ray = raw.scan.rays, raw.scan.cloud.ray
     moment = unwrapped(rays.time_s[ray])
-    sweeps, begun = cut_in_sweeps(raw.scan.cloud.points, rays, moment, period_of(moment, raw.sweep))
+    sweeps, begun = cut_in_sweeps(raw.scan.cloud.points, rays, ray, moment, period_of(moment, raw.sweep))
     sigma = range_noise(rays, ray, moment)
     found = odometry(sweeps, sigma)
     truth = trajectory_at(path_of(options, "hdl32e"), begun + sweeps.period_s * np.arange(len(sweeps) + 1)).T_world_frame

@@ -56,20 +56,21 @@ def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Traj
     return _by_odometry(raw, rays, frame, time, period) if period > 0 else (raw, None, "")
 
 
-def cut_in_sweeps(points: FloatArray, rays: Rays, time_s: FloatArray, period_s: float) -> tuple[Sweeps, float]:
-    """Points (n, 3) of turns of `period_s` as sweeps that begin where a turn has no returns, and when (s) the first of them begins."""
+def cut_in_sweeps(points: FloatArray, rays: Rays, ray: IntArray, time_s: FloatArray, period_s: float) -> tuple[Sweeps, float]:
+    """Points (n, 3) of turns of `period_s` as sweeps that begin where a turn has no returns, and when (s) the first of them begins. ray : (n,)"""
     begun = _cut(time_s, period_s)
     at = (time_s - begun) / period_s
     sweep = np.floor(at).astype(np.int64)
     order = np.lexsort((at, sweep))
     begun += period_s * int(sweep[order[0]])
     sweep, share = sweep[order] - int(sweep[order[0]]), (at - sweep)[order]
-    return Sweeps(points=points[order], sweep=sweep, share=share, period_s=period_s, gap_rad=_gap(rays)), begun
+    ring = None if rays.ring is None else rays.ring[ray][order]
+    return Sweeps(points=points[order], sweep=sweep, share=share, period_s=period_s, gap_rad=_gap(rays), ring=ring), begun
 
 
 def _by_odometry(raw: RawScan, rays: Rays, frame: int, time: FloatArray, period: float) -> Unrolled:
     """The input with the motion taken out that its sweeps tell; as it lies, with the reason, where they tell none that can be believed."""
-    sweeps, begun = cut_in_sweeps(raw.scan.cloud.points, rays, time, period)
+    sweeps, begun = cut_in_sweeps(raw.scan.cloud.points, rays, raw.scan.cloud.ray, time, period)
     found = odometry(sweeps, range_noise(rays, raw.scan.cloud.ray, time))
     if not found.is_sure:
         why = _why_not(found)

@@ -15,6 +15,7 @@ from scipy.sparse import bsr_array, csr_array
 from scipy.spatial.transform import Rotation
 
 from scan2fea.kernel.trajectories import between
+from scan2fea.registration.borders import Ends, borders
 from scan2fea.registration.icp import tukey
 from scan2fea.registration.map_patches import blocks_of, map_surfaces, plane_terms
 from scan2fea.registration.motion import stepped
@@ -42,13 +43,13 @@ class JointResult(Value):
 
 def joint(
     points: FloatArray, first: IntArray, share: FloatArray, T_world_knot: FloatArray, edge_m: float, spread_m: float, sigma_m: float,
-    freedom: tuple[float, float], *, most: tuple[float, float] | None = None,
+    freedom: tuple[float, float], *, most: tuple[float, float] | None = None, ends: Ends | None = None,
 ) -> JointResult:  # fmt: skip
     """One Gauss-Newton step of all knots but the first.
 
     points : (n, 3) in the frame of the sensor at their moments, `share` of the way from knot `first` to the next.   spread_m : how far points may lie
     off their plane while it grows.   freedom : standard deviation of the change of a step (rad, m), from which it is learned.   most : what a
-    carrier can do; `freedom` where not given.
+    carrier can do; `freedom` where not given.   ends : of surfaces along the rings, which are held against straight borders of the planes.
     """
     R, x = between(T_world_knot, first, share)
     arm = np.einsum("nij,nj->ni", R, points)
@@ -60,11 +61,16 @@ def joint(
     H, g = np.zeros((6 * k, 6 * k)), np.zeros(6 * k)
     if len(on):
         label = planes.label[on]
-        across, terms = plane_terms(planes, label, world[on])
+        across, terms, met = plane_terms(planes, label, world[on], ray[on])
         weight = tukey(across, deviation[on]) / deviation[on] ** 2
         normal = planes.normal[label]
-        own = np.concatenate([np.cross(arm[on], normal), normal], axis=1)
+        own = np.concatenate([np.cross(met - x[on], normal), normal], axis=1)
         H, g = _of_surfaces(own, across, terms, weight, label, len(planes), first[on], share[on], k)
+    edges = None if ends is None else borders(ends, T_world_knot, planes, world, edge_m, sigma_m)
+    if edges is not None:
+        weight = tukey(edges.across, edges.deviation) / edges.deviation**2
+        more = _of_surfaces(edges.own, edges.across, edges.terms, weight, edges.label, edges.n, edges.first, edges.share, k)
+        H, g = H + more[0], g + more[1]
     step, covariance, learned = _learned(H, g, T_world_knot, freedom, freedom if most is None else most)
     variance = np.concatenate([np.zeros(6), np.diag(covariance)]).reshape(-1, 6)
     std = np.sqrt(np.stack([variance[:, :3].sum(axis=1), variance[:, 3:].sum(axis=1)], axis=1))
@@ -78,7 +84,7 @@ def _of_surfaces(
     own: FloatArray, across: FloatArray, terms: FloatArray, weight: FloatArray, label: IntArray, p: int, first: IntArray, share: FloatArray,
     n_knots: int,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
-    """Hessian and gradient of the knots with the planes eliminated (Schur complement: each plane has a block of its own)."""
+    """Hessian and gradient of the knots with planes or borders eliminated (Schur complement: each has a block of its own)."""
     n = len(own)
     knots = (6 * first[:, None] + np.arange(12)).ravel()
     values = np.concatenate([own * (1 - share)[:, None], own * share[:, None]], axis=1).ravel()

@@ -1,7 +1,8 @@
 """Surfaces that a map of many sweeps is held against: its planes, and patches of what lies on none; each fitted along the rays that measured it.
 
 A scanner's noise lies along its rays: across a surface it is sigma |n . u|, for a floor seen at a flat angle a third of sigma. Residuals are measured
-in that, so that what is seen at a flat angle tells the height and what faces the scanner tells the way.
+in that, so that what is seen at a flat angle tells the height and what faces the scanner tells the way. Levers are those of where the rays meet the
+surface: those of the noisy points go together with their residuals, and a narrow surface is turned towards whoever looks at it.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ def map_surfaces(world: FloatArray, ray: FloatArray, edge_m: float, spread_m: fl
     label = planes.label[on]
     for _ in range(_REFITS):
         own = _deviation(planes, label, world[on], ray[on], sigma_m)
-        planes = refitted(planes, label, world[on], own)
+        planes = refitted(planes, label, world[on], ray[on], own)
     deviation[on] = _deviation(planes, label, world[on], ray[on], sigma_m)
     return planes, deviation
 
@@ -103,11 +104,14 @@ def _medians(values: FloatArray, label: IntArray, k: int) -> FloatArray:
     return found
 
 
-def plane_terms(planes: MapPlanes, label: IntArray, world: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n,) distance across, and (n, 3) its derivative by height and the two tilts of the plane."""
-    off = world - planes.centre[label]
-    across: FloatArray = np.einsum("nc,nc->n", planes.normal[label], off)
-    return across, np.concatenate([np.ones((len(off), 1)), np.einsum("nac,nc->na", planes.axes[label], off)], axis=1)
+def plane_terms(planes: MapPlanes, label: IntArray, world: FloatArray, ray: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(n,) distance across, (n, 3) its derivative by height and the two tilts of the plane, and (n, 3) where the ray meets it."""
+    normal, off = planes.normal[label], world - planes.centre[label]
+    across: FloatArray = np.einsum("nc,nc->n", normal, off)
+    slope = np.einsum("nc,nc->n", normal, ray)
+    met = off - ray * (across / np.copysign(np.maximum(np.abs(slope), FLATTEST), slope))[:, None]
+    terms = np.concatenate([np.ones((len(off), 1)), np.einsum("nac,nc->na", planes.axes[label], met)], axis=1)
+    return across, terms, planes.centre[label] + met
 
 
 def blocks_of(terms: FloatArray, weight: FloatArray, label: IntArray, k: int) -> FloatArray:
@@ -120,10 +124,10 @@ def blocks_of(terms: FloatArray, weight: FloatArray, label: IntArray, k: int) ->
     return np.asarray(blocks + ridge[:, None, None] * np.eye(3))
 
 
-def refitted(planes: MapPlanes, label: IntArray, world: FloatArray, deviation: FloatArray) -> MapPlanes:
+def refitted(planes: MapPlanes, label: IntArray, world: FloatArray, ray: FloatArray, deviation: FloatArray) -> MapPlanes:
     """Planes of weighted least squares through their points, robustly."""
     k = len(planes)
-    across, terms = plane_terms(planes, label, world)
+    across, terms, _ = plane_terms(planes, label, world, ray)
     weight = tukey(across, deviation) / deviation**2
     right = np.stack([np.bincount(label, weight * across * terms[:, i], k) for i in range(3)], axis=1)
     step = np.linalg.solve(blocks_of(terms, weight, label, k), right[:, :, None])[:, :, 0]

@@ -22,6 +22,7 @@ from scan2fea.kernel.trajectories import between
 from scan2fea.kernel.transforms import applied, inverse, rigid
 from scan2fea.kernel.voxels import voxel_mean
 from scan2fea.registration.agreement import Agreement, Fans, agreement
+from scan2fea.registration.borders import Ends, surface_ends
 from scan2fea.registration.icp import orthonormal, robust_scale, tukey
 from scan2fea.registration.joint import joint
 from scan2fea.registration.motion import deskewed
@@ -52,7 +53,8 @@ _SETTLING, _ROUNDS = 1, 4  # of all sweeps: the planes are grown anew in each, a
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sweeps(Value):
     """Points of k sweeps. points : (n, 3) each in the frame of the sensor at its moment.   sweep : (n,) rising from 0.   share : (n,) of the sweep's
-    time that had passed.   period_s : of a sweep.   gap_rad : between neighbouring beams of the fan, 0 where not known.
+    time that had passed.   period_s : of a sweep.   gap_rad : between neighbouring beams of the fan, 0 where not known.   ring : (n,) beam of each
+    point where that is known and the scanner turns about its z axis.
     """
 
     points: FloatArray
@@ -60,6 +62,7 @@ class Sweeps(Value):
     share: FloatArray
     period_s: float
     gap_rad: float = 0.0
+    ring: IntArray | None = None
 
     def __len__(self) -> int:
         return int(self.sweep[-1]) + 1
@@ -130,7 +133,9 @@ def odometry(sweeps: Sweeps, sigma_m: float) -> Odometry:
     changed = _step_change(sweeps, max(len(sweeps) - 3, 1), sigma) - _step_change(sweeps, 1, sigma)
     back = _reversed(few.sweeps)
     stride, starts = _begun(sweeps, few.sweeps, back, few.edge_m, sigma, fans)
-    there, again = _adjusted(few.sweeps, starts[0], few.edge_m, sigma), _adjusted(back, starts[1], few.edge_m, sigma)
+    ends = None if sweeps.ring is None else surface_ends(sweeps.points, sweeps.ring, sweeps.sweep, sweeps.share, sigma)
+    there = _adjusted(few.sweeps, starts[0], few.edge_m, sigma, ends)
+    again = _adjusted(back, starts[1], few.edge_m, sigma, None if ends is None else ends.reversed(len(sweeps)))
     off = _apart(there.T_world_knot, _turned(again.T_world_knot))
     rounds = np.concatenate([there.rounds, [_turned(T) for T in again.rounds]])
     # of one way: the two begin at other sweeps, and what they differ by is told apart
@@ -257,12 +262,12 @@ class _Way(Value):
     used: float
 
 
-def _adjusted(sweeps: Sweeps, T: FloatArray, edge: float, sigma_m: float) -> _Way:
+def _adjusted(sweeps: Sweeps, T: FloatArray, edge: float, sigma_m: float, ends: Ends | None) -> _Way:
     """All knots at once, a few times over."""
     most = _freedom(sweeps.period_s)
     freedom, rounds = most, []
     for _ in range(_SETTLING + _ROUNDS):
-        found = joint(sweeps.points, sweeps.sweep, sweeps.share, T, edge, sigma_m, sigma_m, freedom, most=most)
+        found = joint(sweeps.points, sweeps.sweep, sweeps.share, T, edge, sigma_m, sigma_m, freedom, most=most, ends=ends)
         T, freedom = found.T_world_knot, found.freedom
         rounds.append(T)
     kept = np.array(rounds[_SETTLING:])

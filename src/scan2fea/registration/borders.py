@@ -174,7 +174,8 @@ def _spread(values: FloatArray) -> float:
 
 def _lines(xy: FloatArray, sweep: IntArray, tolerance: float, least_m: float) -> list[IntArray]:
     """Rows of each straight line among points xy (n, 2), the fullest first."""
-    lines, free = [], np.arange(len(xy))
+    lines: list[IntArray] = []
+    free = np.arange(len(xy))
     while len(free) >= _LEAST and len(lines) < _MOST:
         angle, offset = _fullest(xy[free[:: max(1, len(free) // _VOTERS)]], _ANGLES, 2.0 * tolerance)
         inside = np.abs(xy[free] @ np.array([math.cos(angle), math.sin(angle)]) - offset) <= 1.5 * tolerance

@@ -1,6 +1,6 @@
 """Finite elements against closed forms, CalculiX and the truth: the tables of docs/fea.md.
 
-    python benchmarks/fea.py sections | beam | patch | calculix | coverage [--seeds N] [--state FILE] [--quick]
+    python benchmarks/fea.py sections | beam | patch | slopes | calculix | coverage [--seeds N] [--state FILE] [--quick]
 
 `coverage` is resumable: each fitted member is one line of the state file (JSON).
 """
@@ -17,9 +17,13 @@ import subprocess
 import tempfile
 import time
 from collections import defaultdict
+from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spla
 
 from scan2fea.estimation.layers import layers_of
 from scan2fea.estimation.member import MemberOptions, fit_member
@@ -29,9 +33,11 @@ from scan2fea.fea.assemble import assemble
 from scan2fea.fea.beam import assemble_beams, clamped, frequencies, solve_beams, straight
 from scan2fea.fea.budget import beam_response, budget
 from scan2fea.fea.section_properties import properties_of
+from scan2fea.kernel.measures import tet_volumes
 from scan2fea.kernel.transforms import random_rotation
 from scan2fea.simulation.member import MemberScanOptions, member_points
 from scan2fea.tetmeshing import layered
+from scan2fea.tetmeshing.tets import boundary_of, tet_mesh
 from scan2fea.types import Material, Member, Parameter, PointCloud, Scan
 
 STEEL = Material(name="steel", youngs_pa=200e9, poisson=0.3, density_kg_m3=7850.0, yield_pa=None, source="cad-fe table")
@@ -141,6 +147,77 @@ def patch(_):
     print(f"mass {system.mass.sum():.12g}")
 
 
+def prism(cells, n, length):
+    """TET10 of unit squares `cells` swept over `length`, n elements along a unit; cubes are cut in six along their diagonals."""
+    wide = int(max(np.max(cells) + 1, length)) * n + 1
+    at = np.array([(x * n + i, y * n + j, k) for x, y in cells for i in range(n) for j in range(n) for k in range(length * n)])
+    ways = np.array([np.concatenate([np.zeros((1, 3), int), np.cumsum(np.eye(3, dtype=int)[list(way)], axis=0)]) for way in permutations(range(3))])
+    grid = at[:, None, None] + ways
+    used, rows = np.unique(grid @ np.array([wide * wide, wide, 1]), return_inverse=True)
+    nodes = np.stack([used // wide**2, used // wide % wide, used % wide], axis=1) / n
+    tets = rows.reshape(-1, 4)
+    turned = tet_volumes(nodes, tets) < 0
+    tets[turned] = tets[turned][:, [1, 0, 2, 3]]
+    boundary = boundary_of(tets)
+    return tet_mesh(nodes, tets, boundary, np.zeros(len(boundary), np.int64), ("ALL",), 2)
+
+
+def slopes(_):
+    """Error of energy or eigenvalue over three sizes of elements, against solutions that are known: rate 4 where these are smooth (order 2)."""
+    square, angle = [(0, 0)], [(0, 0), (1, 0), (2, 0), (0, 1), (0, 2)]
+    print("| body | case | exact | error at h, h/2, h/4 | rate |\n|---|---|---|---|---|")
+    for name, cells, sizes in (("bar 1 x 1 x 3", square, (2, 4, 8)), ("L 3 x 3 x 1, 3 long", angle, (1, 2, 4))):
+        found = defaultdict(list)
+        for n in sizes:
+            mesh = prism(cells, n, 3)
+            for case, (value, exact) in known_cases(mesh, name).items():
+                found[case].append((value / exact - 1, exact))
+        for case, rows in found.items():
+            off = np.abs([r[0] for r in rows])
+            rate = f"{np.polyfit(np.log([1, 0.5, 0.25]), np.log(off), 1)[0]:.2f}" if off.max() > 1e-9 else "in the space"
+            print(f"| {name} | {case} | {rows[-1][1]:.6g} | {', '.join(f'{x:.1e}' for x in off)} | {rate} |", flush=True)
+
+
+def known_cases(mesh, name):
+    """{case: (found, exact)}: twice the energy per unit, E = 1, rho = 1; of the modal case the square of the angular frequency."""
+    x, y, z = np.asarray(mesh.nodes).T
+    length, ends = 3.0, (mesh.nodes[:, 2] == 0) | (mesh.nodes[:, 2] == 3)
+    soft = replace(STEEL, youngs_pa=1.0, poisson=0.0, density_kg_m3=1.0)
+    tough = replace(soft, poisson=0.3)
+    twist = np.stack([-y * z, x * z, 0 * z], axis=1) / length
+    j = 0.14057701495515 if "bar" in name else properties_of("L", {"a": 3.0, "b": 3.0, "t": 1.0}, level=3).j
+    pull = np.stack([-0.3 * x, -0.3 * y, z], axis=1) / length
+    told = {"tension": (energy(mesh, tough, pull, np.repeat(ends[:, None], 3, 1)), _area(mesh) / length),
+            "torsion": (energy(mesh, tough, twist, np.stack([ends, ends, z + x + y == 0], 1)), j / 2.6 / length)}  # fmt: skip
+    if "bar" in name:  # force on the end, no Poisson's ratio: a cubic, Timoshenko and Goodier 1970, section 21, and the same in space
+        v, inertia = y - 0.5, 1 / 12
+        flexed = np.stack([0 * x, z**2 * length / 2 - z**3 / 6, -v * (z * length - z**2 / 2) - v**3 / 3 + v / 4], axis=1) / inertia
+        exact = length**3 / 3 / inertia + 2.4 * length  # bending, and shear: 6 / 5 / (G A), G = 1 / 2
+        told["cantilever"] = energy(mesh, soft, flexed, np.repeat(ends[:, None], 3, 1)), exact
+    system = assemble(mesh, soft)
+    exact = (np.pi / length) ** 2
+    k, m = system.stiffness_matrix().tocsc(), sp.kron(system.mass_matrix(), sp.eye(3)).tocsc()
+    across = np.zeros((len(x), 3), bool)
+    across[:, :2] = True  # no Poisson's ratio: the motion along z stands by itself
+    free = np.flatnonzero(~across.ravel())
+    found = spla.eigsh(k[free][:, free], 1, m[free][:, free], sigma=0.9 * exact, return_eigenvectors=False)[0]
+    return {**told, "modal": (found, exact)}
+
+
+def _area(mesh):
+    return tet_volumes(mesh.nodes, mesh.tets).sum() / 3
+
+
+def energy(mesh, matter, field, held):
+    """Twice the strain energy of the solution that is `field` where it is held."""
+    k = assemble(mesh, matter).stiffness_matrix().tocsc()
+    u, fixed = field.ravel().copy(), held.ravel()
+    free = np.flatnonzero(~fixed)
+    u[free] = 0.0
+    u[free] = spla.splu(k[free][:, free], permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve(-(k @ u)[free])
+    return float(u @ (k @ u))
+
+
 def calculix(given):
     """Self weight of one member of each family, ours and CalculiX's from the deck, all nodes (its figures have 7 digits in the .dat file)."""
     if shutil.which("ccx") is None:
@@ -206,12 +283,12 @@ def coverage(given):
 
 def main():
     told = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    told.add_argument("what", choices=("sections", "beam", "patch", "calculix", "coverage"))
+    told.add_argument("what", choices=("sections", "beam", "patch", "slopes", "calculix", "coverage"))
     told.add_argument("--seeds", type=int, default=100)
     told.add_argument("--state", default="fea-coverage.jsonl")
     told.add_argument("--quick", action="store_true")
     given = told.parse_args()
-    {"sections": sections, "beam": beam, "patch": patch, "calculix": calculix, "coverage": coverage}[given.what](given)
+    {"sections": sections, "beam": beam, "patch": patch, "slopes": slopes, "calculix": calculix, "coverage": coverage}[given.what](given)
 
 
 if __name__ == "__main__":

@@ -3,8 +3,10 @@
     python benchmarks/meshing.py OUT.jsonl [--quick] [--cgal PYTHON]     measures what OUT.jsonl lacks, a line each
     python benchmarks/meshing.py OUT.jsonl --table                       prints the tables of docs/meshing.md
 
-Parts: made here, and the meshes of SCAN2FEA_DATA. Each is repaired and remeshed as in `scan2fea run`, then filled. PYTHON: an interpreter with the
-`cgal` wheel; its Mesh_3 meshes the same surface at the same edge, then ODT, Lloyd, perturbation and exudation. cpu: seconds of the process.
+Parts: made here (dirty ones too), the meshes and the STEP files (meshed by gmsh) of SCAN2FEA_DATA. Each is repaired and remeshed as in `scan2fea
+run`, then filled, face by face where they are few planes; the deck of our tets goes through CalculiX, and its displacements at all nodes (7 digits)
+beside ours. PYTHON: an interpreter with the `cgal` wheel; its Mesh_3 meshes the same surface at the same edge, then ODT, Lloyd, perturbation and
+exudation. cpu: seconds.
 """
 
 from __future__ import annotations
@@ -12,6 +14,8 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -25,8 +29,15 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
+from cad import MADE, meshed
 from predicates import box, l_beam, sphere, torus
+from scan2fea.cad import to_brep
 from scan2fea.errors import Scan2FeaError
+from scan2fea.fea import FeaOptions, build_model, write_inp
+from scan2fea.fea.assemble import assemble
+from scan2fea.fea.linear import Shared
+from scan2fea.fea.solve import _tree
+from scan2fea.fea.static import Statics
 from scan2fea.io import read_mesh
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import tet_volumes, volume
@@ -42,7 +53,7 @@ from scan2fea.tetmeshing.faults import smallest_angles
 from scan2fea.tetmeshing.optimise import OptimiseOptions, optimised
 from scan2fea.types import TetMesh, TriangleMesh
 
-MAX_FACES = 4000
+MAX_FACES = 2000
 ORACLE = """
 import sys, time, numpy as np
 from CGAL.CGAL_Polyhedron_3 import Polyhedron_3
@@ -72,10 +83,30 @@ def parts(quick: bool) -> Iterator[tuple[str, Callable[[], TriangleMesh]]]:
     yield "cube", box
     yield "sphere", lambda: sphere(rounds=4)
     yield "torus", lambda: torus(n=72, m=32)
-    folder = Path(os.environ.get("SCAN2FEA_DATA", "data")) / "meshes"
-    files = sorted(path for end in ("off", "obj", "stl", "ply") for path in folder.rglob(f"*.{end}")) if folder.is_dir() else []
+    for name, edge in MADE.items():
+        yield name, lambda name=name, edge=edge: meshed(name, edge)[0]
+    yield from dirty()
+    data = Path(os.environ.get("SCAN2FEA_DATA", "data"))
+    files = sorted(path for folder in ("meshes", "cad_gt") for path in (data / folder).rglob("*") if path.is_file() and ".xyz" not in path.name)
     for path in [] if quick else files:
-        yield f"{path.parent.name}/{path.name}", lambda path=path: read_mesh(path)
+        if path.suffix.lower() in (".stp", ".step"):
+            yield f"{path.parent.name}/{path.name}", lambda path=path: meshed(str(path), 0.0)[0]
+        elif path.suffix.lower() in (".off", ".obj", ".stl", ".ply") and "points" not in path.parent.name:
+            yield f"{path.parent.name}/{path.name}", lambda path=path: read_mesh(path)
+
+
+def dirty() -> Iterator[tuple[str, Callable[[], TriangleMesh]]]:
+    beam, ball = l_beam(length=0.5, pitch=0.00635), sphere(rounds=4)
+    for share in (0.1, 0.3):
+        noise = share * 0.00635 * np.random.default_rng(0).standard_normal(beam.vertices.shape)
+        yield f"dirty: L-beam, noise {share} t", lambda noise=noise: replace(beam, vertices=beam.vertices + noise)
+    gaps = np.random.default_rng(0).random(len(ball.faces)) > 0.01
+    yield "dirty: sphere, 1 % of its faces missing", lambda: replace(ball, faces=ball.faces[gaps])
+    both = np.concatenate([ball.faces, ball.faces + len(ball.vertices)])
+    for name, second in (("two spheres that cross", ball.vertices + np.array([1.0, 0, 0])), ("sphere in a sphere", ball.vertices / 2)):
+        yield f"dirty: {name}", lambda second=second: TriangleMesh(vertices=np.concatenate([ball.vertices, second]), faces=both)
+    yield "dirty: inside out", lambda: replace(ball, faces=ball.faces[:, ::-1])
+    yield "dirty: no volume", lambda: replace(ball, vertices=ball.vertices * [1.0, 1.0, 0.0])
 
 
 def prepared(mesh: TriangleMesh) -> TriangleMesh:
@@ -102,15 +133,42 @@ def measured(name: str, make: Callable[[], TriangleMesh], cgal: str) -> dict[str
         mesh = prepared(given)
         needle, _, fold, _ = smallest_angles(mesh)
         row |= {"faces": len(mesh.faces), "needle_deg": needle, "fold_deg": fold}
-        for key, options in (("gmsh", FillOptions(optimise="none", route="surface")), ("own", FillOptions(route="surface"))):
+        brep = to_brep(mesh)
+        for key, options in (("gmsh", FillOptions(optimise="none")), ("own", FillOptions())):
             began = time.process_time()
-            filled = fill(mesh, None, options)
+            filled = fill(mesh, brep, options)
+            row["route"] = filled.how["route"]
             row[key] = {**shape_of(filled.tets), "cpu": time.process_time() - began}
             row[key]["volume_off"] = float(tet_volumes(filled.tets.nodes, filled.tets.tets).sum()) / volume(mesh) - 1
+        row["volume_off_given"] = volume(mesh) / volume(given) - 1 if row["closed"] else None
+        row["deck"] = through_calculix(filled.tets)
         if cgal:
             row["cgal"] = oracle(mesh, cgal)
     except Scan2FeaError as error:
         row["refused"] = str(error)
+    return row
+
+
+def through_calculix(tets: TetMesh) -> dict[str, Any]:
+    """Exit code of CalculiX on the whole deck, and the largest difference of its self weight to ours, of the largest displacement."""
+    if shutil.which("ccx") is None:
+        return {}
+    model = build_model(tets)
+    system = assemble(model.mesh, model.material)
+    began = time.process_time()
+    ours = Statics(model, system, Shared(system, _tree(model, system, None), FeaOptions()), FeaOptions()).self_weight()[1].displacement_m
+    row: dict[str, Any] = {"dof": 3 * len(tets.nodes), "cpu": time.process_time() - began}
+    text = re.sub(r"(\*NODE PRINT[^\n]*\nRF)", "*NODE PRINT, NSET=ALL\nU\n\\1", write_inp(model))
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "m.inp").write_text(text)
+        ran = subprocess.run(["ccx", "-i", "m"], cwd=folder, capture_output=True, env={**os.environ, "OMP_NUM_THREADS": "1"}, check=False)
+        row["ccx"] = ran.returncode
+        if ran.returncode == 0:
+            block = Path(folder, "m.dat").read_text().split("displacements", 1)[1].split("total force", 1)[0]
+            rows = np.array([line.split() for line in block.splitlines() if re.match(r"\s+\d+\s+\S+\s+\S+\s+\S+\s*$", line)], float)
+            theirs = np.zeros_like(ours)
+            theirs[rows[:, 0].astype(int) - 1] = rows[:, 1:]
+            row["off"] = float(np.abs(theirs - ours).max() / np.abs(theirs).max())
     return row
 
 
@@ -173,21 +231,24 @@ def speeds(quick: bool) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
 
 
 def table(rows: list[dict[str, Any]]) -> None:
-    print("| part | faces | needle, fold deg | gmsh min / 1 % | own min / 1 % | CGAL min / 1 % | Jacobian gmsh / own | tets | s gmsh / own / CGAL |")
-    print("|---|---|---|---|---|---|---|---|---|")
+    print("| part | faces | needle, fold deg | gmsh | own | CGAL | Jacobian gmsh / own | tets | volume % | ccx, off | s gmsh / own / CGAL |")
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
     for row in rows:
         if "part" not in row:
             continue
         if "refused" in row:
-            print(f"| {row['part']} | {row.get('faces', '-')} | refused: {row['refused'][:110]} | | | | | | |")
+            print(f"| {row['part']} | {row.get('faces', '-')} | refused: {row['refused'][:110]} | | | | | | | | |")
             continue
         cgal = row.get("cgal") or {}
         oracle_told = f"{cgal['min']:.1f} / {cgal['p01']:.1f}" if "min" in cgal else cgal.get("failed", "-")
         both = " | ".join(f"{row[key]['min']:.1f} / {row[key]['p01']:.1f}" for key in ("gmsh", "own"))
         cpu = f"{row['gmsh']['cpu']:.1f} / {row['own']['cpu']:.1f} / {cgal.get('cpu', float('nan')):.1f}"
         jacobian = " / ".join(f"{row[key]['jacobian']:.2f}" for key in ("gmsh", "own"))
+        off = f"{100 * row['volume_off_given']:+.2f}" if row.get("volume_off_given") is not None else "-"
+        deck = f"{row['deck']['ccx']}, {row['deck'].get('off', float('nan')):.0e}" if row.get("deck") else "-"
         limits = f"{row['needle_deg']:.0f}, {row['fold_deg']:.0f}"
-        print(f"| {row['part']} | {row['faces']} | {limits} | {both} | {oracle_told} | {jacobian} | {row['own']['n_tets']} | {cpu} |")
+        n = row["own"]["n_tets"]
+        print(f"| {row['part']} | {row['faces']} | {limits} | {both} | {oracle_told} | {jacobian} | {n} | {off} | {deck} | {cpu} |")
     for row in rows:
         if "speed" in row:
             print(json.dumps(row))

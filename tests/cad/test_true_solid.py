@@ -14,8 +14,10 @@ from scan2fea.cad.readback import read_back
 from scan2fea.cad.resting import resting_planes
 from scan2fea.cad.roundings import smooth_share, unexplained, without_roundings
 from scan2fea.cad.solid import _lost, _Scale
+from scan2fea.fea.elements import surface_volume
 from scan2fea.kernel.boundary import boundary_surface
 from scan2fea.kernel.measures import volume
+from scan2fea.kernel.quality import scaled_jacobian
 from scan2fea.simulation.freeform import blob
 from scan2fea.tetmeshing import fill
 from scan2fea.types import TriangleMesh
@@ -188,7 +190,9 @@ def test_tets_carry_the_names_of_the_faces_and_the_volume_of_the_solid():
     assert set(tets.face_names) == set(found.brep.face_names)
     assert set(np.unique(tets.face_tag)) == set(range(len(tets.face_names)))
     surface = boundary_surface(tets)
-    assert volume(surface) == pytest.approx(found.brep.volume_m3, rel=3e-3)
+    assert volume(surface) == pytest.approx(found.brep.volume_m3, rel=3e-3)  # corners are joined by chords
+    assert surface_volume(tets.nodes, tets.boundary) == pytest.approx(found.brep.volume_m3, rel=1e-5)  # quadratic edges follow the holes
+    assert scaled_jacobian(tets.nodes, tets.tets).min() > 0
     hole = tets.face_names.index("HOLE_01")
     corners = tets.nodes[tets.boundary[tets.face_tag == hole][:, :3]].reshape(-1, 3)
     flat = corners - corners.mean(0)

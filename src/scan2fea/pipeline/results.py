@@ -13,6 +13,7 @@ import numpy as np
 
 from scan2fea import __version__
 from scan2fea.cad import Snap
+from scan2fea.fea.elements import surface_volume
 from scan2fea.fea.surfaces import surface
 from scan2fea.io import RawScan
 from scan2fea.io.files import sha256_of
@@ -135,7 +136,7 @@ def fea_row(model: FEModel, result: FEResult) -> dict[str, Any]:
         "elements": "C3D10" if model.mesh.order == 2 else "C3D4",
         "dof": result.n_dof,
         "solver": result.solver,
-        "mass_kg": model.material.density_kg_m3 * float(tet_volumes(model.mesh.nodes, model.mesh.tets).sum()),
+        "mass_kg": model.material.density_kg_m3 * surface_volume(np.asarray(model.mesh.nodes), np.asarray(model.mesh.boundary)),
         "frequencies_hz": [float(f) for f in result.frequencies_hz[6:]],
         "material": dataclasses.asdict(model.material),
         "cases": [dataclasses.asdict(case) for case in result.cases],

@@ -15,6 +15,7 @@ from scan2fea.kernel.processes import spent_s
 from scan2fea.kernel.quality import TET_LIMITS, tet_dihedrals, triangle_angles
 from scan2fea.options import option
 from scan2fea.tetmeshing.child import run_worker
+from scan2fea.tetmeshing.curve import curved
 from scan2fea.tetmeshing.faults import faults_in_words, require_solid
 from scan2fea.tetmeshing.naming import Names, names_of, prove_order
 from scan2fea.tetmeshing.optimise import OptimiseOptions, optimised
@@ -30,6 +31,7 @@ SHORT_S = 60.0  # less than this is not split between attempts
 MANY_FACES = 400  # B-Rep faces up to which meshing face by face makes sense; above it the faces are facets, smaller than elements
 CHORDS = 3e-3  # of the volume: what straight edges on curved faces may cut off or add; verification refuses 5e-3
 PER_TURN = (24.0, 36.0, 54.0)  # edges round a circle, more where these cut off too much
+STRAIGHT = 1e-6  # of its length: what the middle of a straight edge may be off by rounding
 TOO_MANY_FACES = 6000  # where the triangles cannot be kept, face by face is tried up to here; gmsh needs some seconds per 1000 faces
 
 
@@ -44,13 +46,15 @@ class FillOptions(OptimiseOptions):
     max_elements: int = option(40_000, "largest number of tets that element sizes are chosen for", minimum=100)
     max_nodes: int = option(58_000, "TET10 nodes that element sizes are chosen for (a kept surface sets its own size)", minimum=100)
     growth: float = option(0.4, "how fast elements grow away from the kept triangles: metres of edge per metre of distance", minimum=0.0, maximum=2.0)
-    order: int = option(2, "1: TET4, 2: TET10 with straight edges", minimum=1, maximum=2)
+    order: int = option(2, "1: TET4, 2: TET10, with curved edges on curved CAD faces", minimum=1, maximum=2)
     time_limit_s: float = option(180.0, "processor time of the mesher for one object, all attempts together", unit="s", minimum=1.0)
     memory_limit_gib: float = option(4.0, "memory of the mesher, where the system can limit it", unit="GiB", minimum=0.5)
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Filled(Value):
-    """The mesh and how it came about: route, algorithm, edge_m, wall_m, min_dihedral_deg, attempts, steps (the log of the optimisers)."""
+    """The mesh and how it came about: route, algorithm, edge_m, wall_m, min_dihedral_deg, attempts, steps (the log of the optimisers); of TET10 on
+    curved CAD faces curved_edges, and kept_straight: how many had to stay so for a valid Jacobian.
+    """
 
     tets: TetMesh
     how: Mapping[str, Any]
@@ -73,6 +77,8 @@ class _Found(Value):
     face_tag: IntArray
     done: str
     edge_m: float  # asked for; of the kept triangles (median) where the surface sets it
+    rim: IntArray | None = None  # (e, 2) edges on curved CAD faces
+    middles: FloatArray | None = None  # (e, 3) their middles there
     steps: tuple[Mapping[str, Any], ...] = ()
 
     @property
@@ -99,7 +105,11 @@ def fill(mesh: TriangleMesh, brep: Brep | None, options: FillOptions = FillOptio
         raise MeshingError(f"{error}{faults_in_words(mesh)}") from None
     how = {**vars(chosen), "done": best.done, "min_dihedral_deg": best.worst_deg, "wall_m": size.wall_m, "attempts": tried, "steps": best.steps}
     how |= {"over_budget": True} if len(best.tets) > options.max_elements else {}  # the walls ask for more than was allowed
-    return Filled(tets=tet_mesh(best.nodes, best.tets, best.boundary, best.face_tag, names.names, options.order), how=how)
+    tets = tet_mesh(best.nodes, best.tets, best.boundary, best.face_tag, names.names, options.order)
+    if best.rim is not None and best.middles is not None and options.order == 2:
+        tets, straight = curved(tets, best.rim, best.middles)
+        how |= {"curved_edges": len(best.rim) - straight, "kept_straight": straight}
+    return Filled(tets=tets, how=how)
 
 
 def _best(
@@ -173,7 +183,8 @@ def _better(found: _Found, options: OptimiseOptions) -> _Found:
     done = "+".join([found.done, *(str(row["step"]) for row in result.log[1:])])
     boundary = boundary_of(result.tets)
     tag = tagged(boundary, result.row[found.boundary], found.face_tag)
-    return replace(found, nodes=result.nodes, tets=result.tets, boundary=boundary, face_tag=tag, done=done, steps=result.log)
+    rim = None if found.rim is None else result.row[found.rim]
+    return replace(found, nodes=result.nodes, tets=result.tets, boundary=boundary, face_tag=tag, rim=rim, done=done, steps=result.log)
 
 
 def _from_brep(job: dict[str, Any], mesh: TriangleMesh, brep: Brep, names: Names, limits: dict[str, float]) -> _Found:
@@ -184,8 +195,19 @@ def _from_brep(job: dict[str, Any], mesh: TriangleMesh, brep: Brep, names: Names
     prove_order(names, got["face_centre"] * scale + centre, got["face_area"] * scale**2, extent(mesh.vertices))
     boundary = boundary_of(got["tets"])
     tag = tagged(boundary, got["triangles"], names.tag_of_face[got["face"]])
-    return _Found(nodes=got["nodes"] * scale + centre, tets=got["tets"], boundary=boundary, face_tag=tag, done=str(got["done"]),
-                  edge_m=job["size_mm"] * float(got["coarser"]) * scale)  # fmt: skip
+    rim, middles = _rim_of(got) if brep.is_curved else (None, None)
+    return _Found(nodes=got["nodes"] * scale + centre, tets=got["tets"], boundary=boundary, face_tag=tag, done=str(got["done"]), rim=rim,
+                  middles=None if middles is None else middles * scale + centre, edge_m=job["size_mm"] * float(got["coarser"]) * scale)  # fmt: skip
+
+
+def _rim_of(got: dict[str, Any]) -> tuple[IntArray, FloatArray]:
+    """Edges of the boundary whose middle on the faces is not half-way between their ends, and that middle, in the units of the mesher."""
+    ends = np.sort(got["triangles"][:, [[0, 1], [1, 2], [0, 2]]], axis=2).reshape(-1, 2)
+    edges, first = np.unique(ends, axis=0, return_index=True)
+    middles = got["middles"].reshape(-1, 3)[first]
+    chord = got["nodes"][edges]
+    bent = np.linalg.norm(middles - chord.mean(1), axis=1) > STRAIGHT * np.linalg.norm(chord[:, 1] - chord[:, 0], axis=1)
+    return edges[bent], middles[bent]
 
 
 def _from_surface(job: dict[str, Any], mesh: TriangleMesh, names: Names, limits: dict[str, float]) -> _Found:

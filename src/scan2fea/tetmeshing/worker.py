@@ -7,8 +7,8 @@ Job: kind "brep" (step, shift_mm, size_mm, max_size_mm, max_tets, max_nodes, per
 growth); algorithm "hxt", "delaunay", "auto" (by the shape of the triangles) or "other" (than auto takes); good_deg: no optimisation above;
 memory_gib.
 Result, in the units of the job: nodes (n, 3), tets (m, 4), tags (n,) gmsh's numbers of the nodes, min_dihedral_deg, done (what ran, as text); brep
-also triangles (k, 3), face (k,) index of the STEP face of each, `coarser` than asked by, and face_centre, face_area of each STEP face, by which the
-caller proves the order.
+also triangles (k, 3), face (k,) index of the STEP face of each, middles (k, 3, 3) of their edges 01 12 02 on the face or its border, `coarser` than
+asked by, and face_centre, face_area of each STEP face, by which the caller proves the order.
 """
 
 from __future__ import annotations
@@ -227,12 +227,9 @@ def _load_surface(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:
 
 def _tets(gmsh: Any) -> tuple[FloatArray, IntArray, IntArray]:
     """Nodes of the tets in ascending order of gmsh's numbers, tets by row, and those numbers."""
-    tags, xyz, _ = gmsh.model.mesh.getNodes()
     tets = gmsh.model.mesh.getElementsByType(4)[1].astype(np.int64).reshape(-1, 4)
     used, rows = np.unique(tets, return_inverse=True)
-    order = np.argsort(tags)
-    at = order[np.searchsorted(tags[order].astype(np.int64), used)]
-    return xyz.reshape(-1, 3)[at], rows.reshape(-1, 4).astype(np.int64), used
+    return _places(gmsh, used), rows.reshape(-1, 4).astype(np.int64), used
 
 
 def _worst(nodes: FloatArray, tets: IntArray) -> float:
@@ -240,12 +237,23 @@ def _worst(nodes: FloatArray, tets: IntArray) -> float:
 
 
 def _boundary(gmsh: Any, used: IntArray) -> dict[str, Any]:
-    triangles, face = [], []
-    for index, (_, tag) in enumerate(gmsh.model.getEntities(2)):
-        found = gmsh.model.mesh.getElementsByType(2, tag)[1].astype(np.int64).reshape(-1, 3)
-        triangles.append(np.searchsorted(used, found))
-        face.append(np.full(len(found), index, np.int64))
-    return {"triangles": np.concatenate(triangles), "face": np.concatenate(face)}
+    faces = [tag for _, tag in gmsh.model.getEntities(2)]
+    by_face = [gmsh.model.mesh.getElementsByType(2, tag)[1].astype(np.int64).reshape(-1, 3) for tag in faces]
+    triangles = np.concatenate(by_face)
+    corners = _places(gmsh, triangles)
+    gmsh.model.mesh.setOrder(2)  # only to see where the middles of the edges are; nodes get new numbers, triangles keep their order
+    places = _places(gmsh, np.concatenate([gmsh.model.mesh.getElementsByType(9, tag)[1].astype(np.int64).reshape(-1, 6) for tag in faces]))
+    if not np.array_equal(corners, places[:, :3]):
+        raise ValueError("the triangles changed when their middles were asked for")
+    face = np.repeat(np.arange(len(faces)), [len(t) for t in by_face])
+    return {"triangles": np.searchsorted(used, triangles), "face": face, "middles": places[:, [3, 4, 5]]}
+
+
+def _places(gmsh: Any, numbers: IntArray) -> FloatArray:
+    """(..., 3) of nodes by gmsh's numbers."""
+    tags, xyz, _ = gmsh.model.mesh.getNodes()
+    order = np.argsort(tags)
+    return np.asarray(xyz.reshape(-1, 3)[order[np.searchsorted(tags[order].astype(np.int64), numbers)]])
 
 
 if __name__ == "__main__":

@@ -7,8 +7,8 @@ Job: kind "brep" (step, shift_mm, size_mm, max_size_mm, max_tets, max_nodes, per
 growth); algorithm "hxt", "delaunay", "auto" (by the shape of the triangles) or "other" (than auto takes); good_deg: no optimisation above;
 memory_gib.
 Result, in the units of the job: nodes (n, 3), tets (m, 4), tags (n,) gmsh's numbers of the nodes, min_dihedral_deg, done (what ran, as text); brep
-also triangles (k, 3), face (k,) index of the STEP face of each, middles (k, 3, 3) of their edges 01 12 02 on the face or its border, `coarser` than
-asked by, and face_centre, face_area of each STEP face, by which the caller proves the order.
+also triangles (k, 3), face (k,) index of the STEP face of each, of curved solids (per_turn > 0) middles (k, 3, 3) of their edges 01 12 20 on
+the face or its border, `coarser` than asked by, and face_centre, face_area of each STEP face, by which the caller proves the order.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def _run(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:
             nodes, tets, tags, worst = better, kept, numbers, _worst(better, kept)
             done.append(method.lower() or "gmsh")
     if kind == "brep":
-        extra |= _boundary(gmsh, tags)
+        extra |= _boundary(gmsh, tags, is_curved=bool(job["per_turn"]))
     return {"nodes": nodes, "tets": tets, "tags": tags, "min_dihedral_deg": worst, "done": np.array("+".join(done)), "error": np.array(""), **extra}
 
 
@@ -236,17 +236,20 @@ def _worst(nodes: FloatArray, tets: IntArray) -> float:
     return float(tet_dihedrals(nodes, tets).min()) if len(tets) else 0.0
 
 
-def _boundary(gmsh: Any, used: IntArray) -> dict[str, Any]:
+def _boundary(gmsh: Any, used: IntArray, *, is_curved: bool) -> dict[str, Any]:
     faces = [tag for _, tag in gmsh.model.getEntities(2)]
     by_face = [gmsh.model.mesh.getElementsByType(2, tag)[1].astype(np.int64).reshape(-1, 3) for tag in faces]
     triangles = np.concatenate(by_face)
+    face = np.repeat(np.arange(len(faces)), [len(t) for t in by_face])
+    found = {"triangles": np.searchsorted(used, triangles), "face": face}
+    if not is_curved:
+        return found
     corners = _places(gmsh, triangles)
-    gmsh.model.mesh.setOrder(2)  # only to see where the middles of the edges are; nodes get new numbers, triangles keep their order
+    gmsh.model.mesh.setOrder(2)  # only to see where the middles of the edges are; nodes are renumbered, triangles are not
     places = _places(gmsh, np.concatenate([gmsh.model.mesh.getElementsByType(9, tag)[1].astype(np.int64).reshape(-1, 6) for tag in faces]))
     if not np.array_equal(corners, places[:, :3]):
         raise ValueError("the triangles changed when their middles were asked for")
-    face = np.repeat(np.arange(len(faces)), [len(t) for t in by_face])
-    return {"triangles": np.searchsorted(used, triangles), "face": face, "middles": places[:, [3, 4, 5]]}
+    return {**found, "middles": places[:, [3, 4, 5]]}
 
 
 def _places(gmsh: Any, numbers: IntArray) -> FloatArray:

@@ -20,11 +20,12 @@ from scan2fea.segmentation.options import SegmentationOptions
 from scan2fea.segmentation.planes import PlaneFinder
 from scan2fea.segmentation.primitives import find_primitives, primitive_row, primitives
 from scan2fea.segmentation.radius import link_radius
+from scan2fea.segmentation.scan_lines import across_lines
 from scan2fea.segmentation.scenes import things_of
 from scan2fea.segmentation.shadow import one_section
 from scan2fea.segmentation.single import single
 from scan2fea.segmentation.supports import Supports, find_supports
-from scan2fea.types import FloatArray, IntArray, PointCloud, Scan, Segments
+from scan2fea.types import BoolArray, FloatArray, IntArray, PointCloud, Scan, Segments
 
 Method = Callable[[PointCloud, SegmentationOptions], IntArray]
 
@@ -67,13 +68,16 @@ def segment_scene(scan: Scan, options: SegmentationOptions = SegmentationOptions
     labels = METHODS[options.method](cloud.take(rest), options)
     clusters = [rest[labels == label] for label in range(int(labels.max(initial=-1)) + 1)]
     own_radius = options.radius_m or link_radius(cloud.points[rest], options.seed)
+    joined = np.zeros(len(cloud), bool)
+    if options.method == "euclidean" and options.radius_m is None and np.isfinite(own_radius):
+        clusters, joined = across_lines(scan, clusters, own_radius)
     if options.supports and (len(clusters) > 1 or supports.planes) and np.isfinite(own_radius) and own_radius > 0:
         things = things_of(finder, clusters, supports, own_radius, options.min_points)
         pieces = [(thing.rows, thing.kind) for thing in things]
     else:
         pieces = [(rows, "object") for rows in clusters]
     if options.members and options.method == "euclidean":
-        pieces = _of_one_section(_by_members(cloud.points, pieces, options), scan, options.seed)
+        pieces = _of_one_section(_by_members(cloud.points, pieces, joined, options), scan, options.seed)
     how = {"method": options.method, "radius_m": own_radius, "n_supports": len(supports.planes), "n_things": len(pieces)}
     return _numbered(supports, pieces, how)
 
@@ -87,12 +91,15 @@ def _of_parts(n: int, parts: list[tuple[IntArray, str]], how: Mapping[str, objec
     return Segments(labels=labels, kinds=tuple(role for _, role in ordered), how={**how, "n_things": len(parts)})
 
 
-def _by_members(points: FloatArray, pieces: list[tuple[IntArray, str]], options: SegmentationOptions) -> list[tuple[IntArray, str]]:
-    """The same, with objects that are made of several members cut into these."""
+def _by_members(
+    points: FloatArray, pieces: list[tuple[IntArray, str]], joined: BoolArray, options: SegmentationOptions
+) -> list[tuple[IntArray, str]]:
+    """The same, with objects that are made of several members cut into these; not what scan lines far apart show (`joined`, (n,) points)."""
 
     def labels_of(piece: tuple[IntArray, str]) -> IntArray:
         rows, kind = piece
-        return members(points[rows], options.seed, options.min_points) if kind == "object" else np.zeros(len(rows), np.int64)
+        is_whole = kind != "object" or joined[rows].any()
+        return np.zeros(len(rows), np.int64) if is_whole else members(points[rows], options.seed, options.min_points)
 
     out: list[tuple[IntArray, str]] = []
     for (rows, kind), labels in zip(pieces, in_threads(labels_of, pieces), strict=True):

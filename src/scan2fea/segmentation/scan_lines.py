@@ -34,11 +34,12 @@ def across_lines(scan: Scan, parts: Sequence[IntArray], radius_m: float) -> tupl
         number[rows] = k
     up, gap = _views(scan, scan.rays, known)
     known, up, gap = known[gap > 0], up[gap > 0], gap[gap > 0]
-    edges = []
+    edges: list[tuple[int, int]] = []
     by_size = sorted(range(len(parts)), key=lambda k: len(parts[k]))
     own = {k: np.flatnonzero(number[known] == k) for k in by_size}
     points, rays = scan.cloud.points, scan.rays.direction[scan.cloud.ray[known]]
-    low, high = (np.array([end(points[rows], axis=0) for rows in parts]) for end in (np.min, np.max))
+    low = np.array([points[rows].min(axis=0) for rows in parts])
+    high = np.array([points[rows].max(axis=0) for rows in parts])
     for i, k in enumerate(by_size):
         reach = _reach(gap[own[k]], radius_m)
         for other in by_size[i + 1 :]:
@@ -48,8 +49,8 @@ def across_lines(scan: Scan, parts: Sequence[IntArray], radius_m: float) -> tupl
     if not edges:
         return list(parts), joined
     whole = tree_parts(np.array(edges, np.int64), len(parts))
-    for k in np.flatnonzero(np.bincount(whole)[whole] > 1):
-        joined[parts[k]] = True
+    for rows, is_one_of_many in zip(parts, np.bincount(whole)[whole] > 1, strict=True):
+        joined[rows] = is_one_of_many
     return [np.sort(np.concatenate([parts[k] for k in np.flatnonzero(whole == n)])) for n in range(int(whole.max()) + 1)], joined
 
 

@@ -51,7 +51,7 @@ def across_lines(scan: Scan, parts: Sequence[IntArray], radius_m: float) -> tupl
     whole = tree_parts(np.array(edges, np.int64), len(parts))
     for rows, is_one_of_many in zip(parts, np.bincount(whole)[whole] > 1, strict=True):
         joined[rows] = is_one_of_many
-    return [np.sort(np.concatenate([parts[k] for k in np.flatnonzero(whole == n)])) for n in range(int(whole.max()) + 1)], joined
+    return [np.sort(np.concatenate([parts[k] for k in np.flatnonzero(whole == n).tolist()])) for n in range(int(whole.max()) + 1)], joined
 
 
 def _views(scan: Scan, rays: Rays, known: IntArray) -> tuple[FloatArray, FloatArray]:

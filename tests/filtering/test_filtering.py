@@ -1,8 +1,11 @@
+import importlib
+
 import numpy as np
 import pytest
 
 from scan2fea.errors import EmptyScanError, UsageError
 from scan2fea.filtering import METHODS, FilteringOptions, clean_up, downsample, outliers
+from scan2fea.filtering.crowding import crowded, repeated
 from scan2fea.kernel.transforms import random_rotation
 from scan2fea.types import PointCloud, Scan
 
@@ -120,3 +123,33 @@ def test_clean_up_says_what_it_did_and_changes_no_input():
     assert untouched.scan.cloud.points.tobytes() == sheet().tobytes()
     with pytest.raises(EmptyScanError):
         clean_up(Scan(cloud=PointCloud.of(np.zeros((0, 3)))))
+
+
+@pytest.mark.parametrize(("n", "side"), [(400, 1.0), (400, 1e-3), (60, 1e9)])
+def test_crowded_is_the_count_of_all_pairs(n, side):
+    """Points on a lattice, so that many pairs lie at the radius; scattered ones; and cells too many for one number."""
+    rng = np.random.default_rng(n)
+    lattice = rng.integers(0, 9, (n, 3)) * (0.125 * side)
+    spread = np.concatenate([rng.uniform(0, side, (n, 3)), [[1e6 * side] * 3]])
+    for points in (lattice, spread):
+        for radius in (0.125 * side, 0.25 * side):
+            others = (np.linalg.norm(points[:, None] - points[None], axis=2) <= radius).sum(axis=1) - 1
+            for k in (1, 5, 15):
+                np.testing.assert_array_equal(crowded(points, radius, k), others >= k)
+
+
+def test_repeated_points_are_all_but_the_first():
+    points = np.array([[0.0, 1, 2], [3, 4, 5], [-0.0, 1, 2], [3, 4, 5], [3, 4, 5.0000001], [0, 1, 2]])
+    np.testing.assert_array_equal(repeated(points), [False, False, True, True, False, True])
+    assert not repeated(np.random.default_rng(0).random((1000, 3))).any()
+
+
+def test_the_radius_of_many_points_is_told_by_a_sample(monkeypatch):
+    points = np.random.default_rng(3).uniform(0, 1, (4000, 3)) * [1, 1, 0.01]
+    plain = outliers(points, FilteringOptions(outliers="density"))
+    inside = importlib.import_module("scan2fea.filtering.outliers")
+    monkeypatch.setattr(inside, "_SAMPLED_ABOVE", 3000)
+    monkeypatch.setattr(inside, "_SAMPLE", 2000)
+    drawn = outliers(points, FilteringOptions(outliers="density"))
+    assert drawn.how["limit"] == pytest.approx(plain.how["limit"], rel=0.02)
+    assert (drawn.is_good != plain.is_good).mean() < 0.02

@@ -17,11 +17,14 @@ import numpy as np
 import numpy.typing as npt
 
 from scan2fea.errors import UsageError, require
+from scan2fea.filtering.crowding import crowded, repeated
 from scan2fea.filtering.options import FilteringOptions
+from scan2fea.kernel.near_tree import LEAF, near_tree, nearest_of_leaves
 from scan2fea.kernel.neighbors import nearest_in_blocks
 from scan2fea.types import BoolArray, FloatArray, Value
 
 _BLOCK = 50_000
+_SAMPLED_ABOVE, _SAMPLE = 200_000, 20_000  # points: the radius of the density filter is a mean and a deviation, which a sample tells
 _NEIGHBOUR_QUANTILE = 0.8
 _LEAST_RATIO = 3.0  # the corner of a plate sees a quarter of a disc: twice the distance; three times is no corner
 _SIGMAS = 6.0
@@ -41,13 +44,11 @@ class Outliers(Value):
 class _Neighbours(Value):
     """The k nearest others of each point.
 
-    first, kth, mean : (n,) distance to the nearest, to the k-th, mean of all.   row : (n, k) int32, who they are.
+    mean : (n,) distance to them.   row : (n, k) int32, who they are.
     """
 
     mean: FloatArray
-    kth: FloatArray
     row: npt.NDArray[np.int32]
-    first: FloatArray
 
 
 def outliers(points: FloatArray, options: FilteringOptions = FilteringOptions()) -> Outliers:
@@ -55,9 +56,8 @@ def outliers(points: FloatArray, options: FilteringOptions = FilteringOptions())
     k = options.neighbours
     if len(points) < 2 * (k + 1):
         return Outliers(is_good=np.ones(len(points), bool), how={"outliers": "too few points to judge", "n_outliers": 0, "n_duplicates": 0})
-    near = _neighbours(points, k)
-    twice = _duplicates(points, near.first)
-    bad, limit = METHODS[options.outliers](points, near, options)
+    twice = repeated(points)
+    bad, limit = METHODS[options.outliers](points, options)
     bad &= ~twice
     how = {"outliers": options.outliers, "limit": limit, "n_outliers": int(bad.sum()), "n_duplicates": int(twice.sum())}
     return Outliers(is_good=~(bad | twice), how=how)
@@ -65,30 +65,33 @@ def outliers(points: FloatArray, options: FilteringOptions = FilteringOptions())
 
 def _neighbours(points: FloatArray, k: int) -> _Neighbours:
     n = len(points)
-    mean, kth, first, row = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros((n, k), np.int32)
+    mean, row = np.zeros(n), np.zeros((n, k), np.int32)
     for rows, distance, index in nearest_in_blocks(points, k + 1):
-        mean[rows], kth[rows], first[rows], row[rows] = distance[:, 1:].mean(axis=1), distance[:, k], distance[:, 1], index[:, 1:]
-    return _Neighbours(mean=mean, kth=kth, row=row, first=first)
+        mean[rows], row[rows] = distance[:, 1:].mean(axis=1), index[:, 1:]
+    return _Neighbours(mean=mean, row=row)
 
 
-def _duplicates(points: FloatArray, first: FloatArray) -> BoolArray:
-    """True for each point that equals an earlier one; only points whose nearest other is at distance 0 are looked at."""
-    twice = np.zeros(len(points), bool)
-    rows = np.flatnonzero(first == 0.0)
-    if len(rows):
-        _, kept = np.unique(points[rows], axis=0, return_index=True)
-        twice[rows] = True
-        twice[rows[kept]] = False
-    return twice
+def _kth_distances(points: FloatArray, k: int) -> FloatArray:
+    """(m,) distance to the k-th other of every point, or of a drawn sample where there are many: its mean is then within a hundredth of its sd."""
+    tree = near_tree(points)
+    asked = tree
+    if len(points) > _SAMPLED_ABOVE:
+        asked = near_tree(points[np.sort(np.random.default_rng(0).choice(len(points), _SAMPLE, replace=False))])
+    step, kth = max(1, _BLOCK // LEAF), np.zeros(len(asked.order))
+    for first in range(0, asked.n_leaves, step):
+        rows, distance, _ = nearest_of_leaves(tree, asked, k + 1, first, min(first + step, asked.n_leaves))
+        kth[rows] = distance[:, k]
+    return kth
 
 
-def _isolated(points: FloatArray, near: _Neighbours, options: FilteringOptions) -> tuple[BoolArray, float]:
+def _isolated(points: FloatArray, options: FilteringOptions) -> tuple[BoolArray, float]:
     """Much farther from its neighbours than these are from theirs; or in a sparse region that is no surface.
 
     The ratio is taken to the 80 % quantile of the neighbours' own mean distances, so a point of a sparse region beside a dense one is
     judged by its sparse neighbours. The limit is the median ratio + 6 robust standard deviations, on the log scale, and at least 3.
     Strays in a crowd pass that test among themselves; see `_off_surface`.
     """
+    near = _neighbours(points, options.neighbours)
     ratio = np.zeros(len(near.mean))
     rank = int(_NEIGHBOUR_QUANTILE * near.row.shape[1])
     for start in range(0, len(ratio), _BLOCK):
@@ -122,30 +125,34 @@ def _off_surface(points: FloatArray, near: _Neighbours) -> BoolArray:
     return off
 
 
-def _density(points: FloatArray, near: _Neighbours, options: FilteringOptions) -> tuple[BoolArray, float]:
-    """Thesis eq 2.3, corrected: fewer than k others within R = mean + sd of the k-th distances (k within R is the same as k-th distance <= R)."""
-    limit = float(near.kth.mean() + options.outlier_sd * near.kth.std())
-    return near.kth > limit, limit
+def _density(points: FloatArray, options: FilteringOptions) -> tuple[BoolArray, float]:
+    """Thesis eq 2.3, corrected: fewer than k others within R = mean + sd of the k-th distances."""
+    kth = _kth_distances(points, options.neighbours)
+    limit = float(kth.mean() + options.outlier_sd * kth.std())
+    if len(kth) == len(points):
+        return kth > limit, limit
+    return (~crowded(points, limit, options.neighbours) if limit > 0 else np.zeros(len(points), bool)), limit
 
 
-def _statistical(points: FloatArray, near: _Neighbours, options: FilteringOptions) -> tuple[BoolArray, float]:
+def _statistical(points: FloatArray, options: FilteringOptions) -> tuple[BoolArray, float]:
     """Rusu et al. (2008), as PCL does it: mean distance to the k nearest above mean + sd of these."""
+    near = _neighbours(points, options.neighbours)
     limit = float(near.mean.mean() + options.outlier_sd * near.mean.std())
     return near.mean > limit, limit
 
 
-def _radius(points: FloatArray, near: _Neighbours, options: FilteringOptions) -> tuple[BoolArray, float]:
+def _radius(points: FloatArray, options: FilteringOptions) -> tuple[BoolArray, float]:
     """Fewer than k others within a radius that is given, or four times the median distance to the k-th: sixteen times sparser than the median."""
-    limit = options.radius_m if options.radius_m is not None else _SPARSE * float(np.median(near.kth))
+    limit = options.radius_m if options.radius_m is not None else _SPARSE * float(np.median(_kth_distances(points, options.neighbours)))
     require(limit > 0, UsageError, f"filtering.radius_m is {limit}: it must be a positive length in metres")
-    return near.kth > limit, limit
+    return ~crowded(points, limit, options.neighbours), limit
 
 
-def _none(points: FloatArray, near: _Neighbours, options: FilteringOptions) -> tuple[BoolArray, float]:
-    return np.zeros(len(near.mean), bool), float("inf")
+def _none(points: FloatArray, options: FilteringOptions) -> tuple[BoolArray, float]:
+    return np.zeros(len(points), bool), float("inf")
 
 
-METHODS: Mapping[str, Callable[[FloatArray, _Neighbours, FilteringOptions], tuple[BoolArray, float]]] = {
+METHODS: Mapping[str, Callable[[FloatArray, FilteringOptions], tuple[BoolArray, float]]] = {
     "isolated": _isolated,
     "density": _density,
     "statistical": _statistical,

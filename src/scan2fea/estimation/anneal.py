@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from scan2fea.estimation.likelihood import Layout, SectionModel, bounds, prior, scales
-from scan2fea.estimation.scoring import Scored, maximise
+from scan2fea.estimation.scoring import Scored, Summed, maximise
 from scan2fea.types import FloatArray
 
 RIDGE = (0.3, 0.7, 0.93)  # t / (2 sqrt V) of the restarts (shape-estimation.md, method 5)
@@ -104,8 +104,17 @@ def on_the_ridge(layout: Layout, theta: FloatArray, fixed: Mapping[str, float] |
 
 def _run(model: SectionModel, theta: FloatArray, size_m: float, lower: FloatArray, upper: FloatArray, iterations: int, tolerance: float) -> Scored:
     layout = model.layout
+    at = layout.place["logit_outliers"]
+
+    def curved(theta: FloatArray) -> Summed:
+        """Where the prior holds more strays than there are, their scores are alike and the products of these say nothing: the curvature does."""
+        level, slope, information = model.sums(theta)
+        if slope[at] < 0:  # products minus second derivatives, exactly
+            information[at, at] -= (1 - 2 * layout.outlier_share(theta)) * slope[at]
+        return level, slope, information
+
     return maximise(
-        model.sums,
+        curved,
         theta,
         scale=scales(layout, size_m),
         lower=lower,
@@ -113,6 +122,7 @@ def _run(model: SectionModel, theta: FloatArray, size_m: float, lower: FloatArra
         prior=prior(layout, model.stated),
         max_iterations=iterations,
         tolerance=tolerance,
+        least_gain=0.1 * tolerance,
     )
 
 

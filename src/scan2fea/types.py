@@ -383,6 +383,7 @@ class Member(Value):
     seen : name of each face of the section -> share of its length that points support.
     families : family -> posterior probability.   damage : significant places only.   change : of the section along the axis, None for a prism.
     inside : "solid", "hollow", or "unknown" where neither a face from within nor an end told a bar from a tube.
+    told_toes : faces that end a wall, were not seen, and are known by a mirror image that was.
     """
 
     family: str
@@ -401,6 +402,7 @@ class Member(Value):
     damage: tuple[Damage, ...] = ()
     change: SectionChange | None = None
     inside: str = "unknown"
+    told_toes: tuple[str, ...] = ()
 
     def values(self) -> dict[str, float]:
         """Every dimension by name, metres."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from scan2fea.estimation.anneal import annealed, climbed, on_the_ridge, ridge_restarts, walls
+from scan2fea.estimation.anneal import annealed, climbed, on_the_ridge, ridge_restarts, walls, with_walls
 from scan2fea.estimation.face_weights import free_faces, seen_weights, set_price, snapped
 from scan2fea.estimation.initial import Start, starts
 from scan2fea.estimation.likelihood import Layout, SectionModel, StatedNoise, bounds, model_of, sigma_floor
@@ -256,10 +256,31 @@ def slenderness_price(layout: Layout, theta: FloatArray, names: Sequence[str]) -
 
 def hidden_faces(scene: Scene, candidate: Candidate) -> list[Candidate]:
     """The same family with faces unseen: as a set of whole faces, and with every face's density free."""
+    if len(faces(candidate.family)) < 2:
+        return []
+    begun = (candidate.theta, *_opened(candidate.layout, candidate.theta))
+    return [found for theta in begun for found in _hidden_from(scene, replace(candidate, theta=theta))]
+
+
+def _opened(layout: Layout, theta: FloatArray) -> list[FloatArray]:
+    """Where the web between two halves has closed up one of its faces may not have been seen: a usual web on either side of the other one."""
+    if layout.family not in ("I", "T") or layout.get(theta, "tw") > 0.5 * layout.sigma(theta):
+        return []
+    web, roll = _WEB_MEDIAN * layout.get(theta, "tf"), layout.get(theta, "roll")
+    found = []
+    for side in (-0.5, 0.5):
+        other = with_walls(layout, theta, {"tw": web})
+        other[layout.place["b"]] = max(other[layout.place["b"]] - web, 2 * web)  # the toes stay where they were seen
+        other[layout.place["cx"]] += side * web * math.cos(roll)
+        other[layout.place["cy"]] += side * web * math.sin(roll)
+        found.append(other)
+    return found
+
+
+def _hidden_from(scene: Scene, candidate: Candidate) -> list[Candidate]:
+    """As `hidden_faces`, from the unknowns of the candidate alone."""
     plain = candidate.layout
     names = faces(plain.family)
-    if len(names) < 2:
-        return []
     held = scene.held(plain)
     whole, price = _set_of(scene, candidate)
     found = []

@@ -24,6 +24,7 @@ from scan2fea.estimation.explain import MIN_SLENDER, Explanation, explanation
 from scan2fea.estimation.fit import MIN_POINTS, SectionFit
 from scan2fea.estimation.from_outside import TUBE_OF, tube_of
 from scan2fea.estimation.given import Given, Told, compared, joint_p_value, told_by
+from scan2fea.estimation.mirrored import told_toes
 from scan2fea.estimation.prismatic import is_prismatic
 from scan2fea.estimation.ray_voids import in_sheets
 from scan2fea.estimation.rim import BAR_OF, hollow, is_unsure, with_rim
@@ -126,7 +127,8 @@ def fit_member(
         if by_rays and fixed:
             p_fixed, given = compared_by_rays(scan, member, fixed, options.seed)
             found = dataclasses.replace(found, p_fixed=p_fixed, given=given)
-    return dataclasses.replace(found, member=dataclasses.replace(found.member, inside=inside_of(points, found.member)))
+    member = found.member
+    return dataclasses.replace(found, member=dataclasses.replace(member, inside=inside_of(points, member), told_toes=told_toes(points, member)))
 
 
 def _tube_for(points: FloatArray, found: MemberFit, options: MemberOptions, families: tuple[str, ...]) -> MemberFit:

@@ -31,6 +31,7 @@ def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Giv
         "residual": {"sigma_m": member.sigma_m, "noise": member.noise, "outlier_share": member.outlier_share},
         "seen": dict(member.seen),
         "inside": member.inside,
+        "told_toes": list(member.told_toes),
         "p_fixed": p_fixed,
         "given": [
             {

@@ -46,9 +46,9 @@ def _is_open_bar(member: Member) -> bool:
 
 
 def open_walls(member: Member) -> int:
-    """How many walls end where no face that ends them was seen: the scan may have ended there, not the wall."""
+    """How many walls end where no face that ends them was seen: the scan may have ended there, not the wall. A mirror image may tell a toe."""
     groups = TOES.get(member.family, ())
-    return sum(all(member.seen.get(name, 1.0) < SEEN for name in group) for group in groups)
+    return sum(all(member.seen.get(name, 1.0) < SEEN and name not in member.told_toes for name in group) for group in groups)
 
 
 def walls_in_noise(member: Member) -> int:

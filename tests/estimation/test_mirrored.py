@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from estimation.made import made
 
+from estimation.made import made
 from scan2fea.estimation.mirrored import told_toes
 from scan2fea.kernel.section_likelihood import faces
 from scan2fea.kernel.transforms import rotation_about

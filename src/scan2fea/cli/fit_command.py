@@ -70,6 +70,8 @@ def _facts(member: Member) -> list[tuple[str, str]]:
     rows += [("catalogue" if k == 0 else "", f"{_probability(e.probability):>6}  {e.name}") for k, e in enumerate(member.catalogue[:SHOWN])]
     unseen = [name for name, share in member.seen.items() if share <= 0]
     rows.append(("faces", f"{len(member.seen) - len(unseen)} of {len(member.seen)} seen" + (f"; not seen: {', '.join(unseen)}" if unseen else "")))
+    if member.told_toes:
+        rows.append(("", f"told by their mirror image: {', '.join(member.told_toes)}"))
     if member.inside == "unknown":
         rows.append(("inside", "solid or hollow: neither an inner face nor a cap was seen"))
     for k, d in enumerate(member.damage[:SHOWN]):

@@ -96,7 +96,7 @@ def estimate(
         member = rested(member, scan.cloud.points[inferred], spacing(scan.cloud.points[~inferred]))
     member = widened(member, between_frames_m)
     if not any(p.observable or p.source == "fixed" for p in member.parameters if p.name != "length"):
-        return Estimate(member=None, explains=False, reason=f"no dimension of a {member.family} member was seen")
+        return Estimate(member=None, explains=False, reason=f"no dimension of a {member.family} member was seen" if fit.explains else fit.reason)
     if fit.method == "density":
         member = with_standard_odds(member, alternatives(fit.section), table)
     try:

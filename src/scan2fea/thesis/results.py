@@ -18,7 +18,7 @@ from scan2fea.thesis.chain import STEPS, Step
 from scan2fea.thesis.clouds import beam_points, beam_solid
 from scan2fea.thesis.experiment import Cell, Made, Table
 from scan2fea.thesis.measured import QUALITIES, Measured, measured
-from scan2fea.thesis.meshes import figures_of, first_mesh, half_edges_before, step
+from scan2fea.thesis.meshes import figures_of, first_mesh, half_edges_before, step, steps
 from scan2fea.thesis.pictures import mesh_figure, views_of
 from scan2fea.thesis.published import Printed, printed_tables, stated
 from scan2fea.types import TriangleMesh
@@ -48,6 +48,8 @@ def mesh_picture_of(case: str, mesh: str, stage: str) -> Callable[[Bench], Made]
             found = step(bench, case, mesh, stage)
             shown, says = found.mesh, [f"{NAMES[mesh]}, {stage}: {found.done}."]
             says += changed(step(bench, case, mesh, STEPS[STEPS.index(stage) - 1]), found)
+            if stage in ("perturb", "exude") and not len(found.tets):
+                says += _of_held_tets(bench, case, mesh, stage)
         return Made(picture=mesh_figure(shown, views, SHADES), says=(*says, *_quick(bench, case)))
 
     return make
@@ -55,6 +57,14 @@ def mesh_picture_of(case: str, mesh: str, stage: str) -> Callable[[Bench], Made]
 
 def _quick(bench: Bench, case: str) -> tuple[str, ...]:
     return (f"Quick: a stretch of {beam_solid(bench).shape.parameters['length']:g} m of the beam.",) if bench.options.quick and case != "hdl" else ()
+
+
+def _of_held_tets(bench: Bench, case: str, mesh: str, stage: str) -> list[str]:
+    """What a step does to tets where the thesis's own surface holds none: on the surface that Lloyd and ODT have held; of a quick run AF alone."""
+    held = {} if bench.options.quick and mesh != "AF" else steps(bench, case, mesh, held=True)
+    if stage not in held or not len(held[stage].tets):
+        return []
+    return [f"Where Lloyd and ODT are held to the surface: {held[stage].done}.", *changed(held[STEPS[STEPS.index(stage) - 1]], held[stage])]
 
 
 def changed(before: Step, now: Step) -> list[str]:

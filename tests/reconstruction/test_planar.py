@@ -16,8 +16,8 @@ from scan2fea.reconstruction.blurred_faces import placed
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.hanging import Among
 from scan2fea.reconstruction.planar import flattened
-from scan2fea.reconstruction.plane_growing import grow_planes, robust_plane
-from scan2fea.reconstruction.strips import rim_offset
+from scan2fea.reconstruction.plane_growing import Planes, grow_planes, robust_plane
+from scan2fea.reconstruction.strips import _without_backs, rim_offset
 from scan2fea.simulation.shapes import bracket
 from scan2fea.types import Scan
 from scanned import scanned
@@ -173,3 +173,26 @@ def test_what_hangs_together_with_a_seed_is_the_component_of_it():
             assert among.near(seed, free, plane, off, -0.2, reach).tolist() == wanted.tolist()
             sizes.add(len(wanted))
     assert len(sizes) > 5
+
+
+def backs(points, label, normals, offsets):
+    planes = Planes(normal=np.array(normals, float), offset=np.array(offsets, float), label=label, std_m=np.full(len(normals), 1e-9))
+    return _without_backs(points, planes, 0.02)
+
+
+def test_a_few_points_turned_the_wrong_way_are_no_face_of_their_own():
+    rng = np.random.default_rng(0)
+    top = np.c_[rng.random((500, 2)), np.zeros(500)]
+    label = np.where(rng.random(500) < 0.02, 0, 1)
+    found = backs(top, label, [[0, 0, -1], [0, 0, 1]], [0.0, 0.0])
+    assert found.normal.tolist() == [[0, 0, 1]] and set(found.label) == {-1, 0} and (found.label == 0).sum() == (label == 1).sum()
+
+
+def test_faces_that_look_apart_beside_each_other_or_through_a_thin_wall_are_two():
+    rng = np.random.default_rng(0)
+    points = np.c_[rng.random((500, 2)), np.zeros(500)]
+    beside = (points[:, 0] < 0.1).astype(int)  # a crank: one face goes on where the other ends, and looks the other way
+    assert len(backs(points, beside, [[0, 0, 1], [0, 0, -1]], [0.0, 0.0])) == 2
+    through = rng.integers(0, 2, 500)
+    points[:, 2] = -0.002 * through
+    assert len(backs(points, through, [[0, 0, 1], [0, 0, -1]], [0.0, 0.002])) == 2

@@ -212,14 +212,14 @@ def _joined(points: FloatArray, planes: list[Plane], label: IntArray, spacing_m:
             mean = abs(float(distance.mean()))
             if mean <= 3.0 * scatter / np.sqrt(len(own)) + SPACINGS * spacing_m and distance.std() <= 1.2 * scatter + SPACINGS * spacing_m:
                 break
-            if mean <= 2.0 * tolerance_m(spacing_m, sigma_m) and _interleaved(own, points[label == j], planes[j]):
+            if mean <= 2.0 * tolerance_m(spacing_m, sigma_m) and interleaved(own, points[label == j], planes[j]):
                 break
         else:
             kept.append(k)
     return [planes[k] for k in sorted(kept)]
 
 
-def _interleaved(one: FloatArray, other: FloatArray, plane: Plane) -> bool:
+def interleaved(one: FloatArray, other: FloatArray, plane: Plane) -> bool:
     """Do the points of two sets lie among each other along the plane? Two faces that look the same way cannot lie over each other so near."""
     across = np.concatenate([one, other]) @ plane.axes().T
     is_other = np.arange(len(across)) >= len(one)

@@ -18,7 +18,7 @@ from scan2fea.kernel.jit import jit
 from scan2fea.kernel.measures import face_areas, face_normals
 from scan2fea.kernel.primitives import Plane
 from scan2fea.reconstruction.plane_growing import LEAST_POINTS as LEAST_GROWN
-from scan2fea.reconstruction.plane_growing import SPACINGS, Planes, robust_plane, tolerance_m
+from scan2fea.reconstruction.plane_growing import SPACINGS, Planes, interleaved, robust_plane, tolerance_m
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 
 BESIDE = 0.1  # spacings a face may lie off a plane that it belongs to, besides the noise
@@ -87,7 +87,7 @@ def with_strips(points: FloatArray, planes: Planes, mesh: TriangleMesh, wall_m: 
         label=label,
         std_m=np.append(planes.std_m, spread),
     )
-    return _joined(points, every, spacing_m)
+    return _without_backs(points, _joined(points, every, spacing_m), spacing_m)
 
 
 def planes_of(planes: Planes) -> list[Plane]:
@@ -102,9 +102,7 @@ def needed(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: float)
         own = points[planes.label == k]
         if len(own) < LEAST_GROWN or not _is_needed(own, [every[j] for j in keep if j != k], spacing_m, sigma_m, LEAST_GROWN):
             keep.remove(k)
-    number = np.full(len(planes) + 1, -1, np.int64)
-    number[keep] = np.arange(len(keep))
-    return Planes(normal=planes.normal[keep], offset=planes.offset[keep], label=number[planes.label], std_m=planes.std_m[keep])
+    return _kept(planes, keep)
 
 
 def _is_needed(own: FloatArray, others: list[Plane], spacing_m: float, sigma_m: float, least: int) -> bool:
@@ -137,9 +135,30 @@ def _joined(points: FloatArray, planes: Planes, spacing_m: float) -> Planes:
                 break
         else:
             kept.append(k)
+    return _kept(Planes(normal=planes.normal, offset=offset, label=label, std_m=std), kept)
+
+
+def _without_backs(points: FloatArray, planes: Planes, spacing_m: float) -> Planes:
+    """The planes without those whose points lie on and among the points of a larger plane that faces against them: a wall is thicker than nothing."""
+    size = np.bincount(planes.label[planes.label >= 0], minlength=len(planes))
+    keep: list[int] = []
+    for k in np.argsort(-size, kind="stable").tolist():
+        own = points[planes.label == k]
+        for j in keep:
+            apart = abs(float(np.median(own @ planes.normal[j])) - planes.offset[j])
+            near = 3.0 * np.hypot(planes.std_m[j], planes.std_m[k]) + SPACINGS * spacing_m
+            faces = planes.normal[j] @ planes.normal[k] <= -np.cos(np.radians(ALIKE_DEG))
+            if faces and apart <= near and interleaved(own, points[planes.label == j], planes.plane(j)):
+                break
+        else:
+            keep.append(k)
+    return _kept(planes, sorted(keep))
+
+
+def _kept(planes: Planes, rows: list[int]) -> Planes:
     number = np.full(len(planes) + 1, -1, np.int64)
-    number[kept] = np.arange(len(kept))
-    return Planes(normal=planes.normal[kept], offset=offset[kept], label=number[label], std_m=std[kept])
+    number[rows] = np.arange(len(rows))
+    return Planes(normal=planes.normal[rows], offset=planes.offset[rows], label=number[planes.label], std_m=planes.std_m[rows])
 
 
 def _left(points: FloatArray, planes: Planes, mesh: TriangleMesh, wall_m: float, spacing_m: float, sigma_m: float) -> _Left:

@@ -1,7 +1,7 @@
 """Scans of real shapes with one defect each, the default beside screened Poisson on the same points: python benchmarks/defects.py [--rows FILE].
 
-Closed meshes of the data folder (SCAN2FEA_DATA), scaled to a diagonal of 1, points SPACING apart, sensor positions known. The defects are those of the
-survey whose F-scores reference/peers.md quotes, their sizes our own: noise (0.004 in all directions), outliers (2 % of the points, anywhere in
+Closed meshes of the data folder (SCAN2FEA_DATA), scaled to a diagonal of 1, points SPACING apart, sensor positions known. The defects are those of
+the survey whose F-scores reference/peers.md quotes, their sizes our own: noise (0.004 in all directions), outliers (2 % of the points, anywhere in
 the box), missing (a tenth of the points, in three balls), misaligned (eight stations, each 0.005 and 0.5 degrees off). Outliers are filtered first,
 for both methods. F-score: harmonic mean of the shares of either surface within 0.005 of the other. A surface that is refused says so.
 """
@@ -25,6 +25,7 @@ from predicates import two_sided
 from scan2fea.errors import ReconstructionError
 from scan2fea.filtering import outliers
 from scan2fea.io import read_mesh
+from scan2fea.kernel.measures import volume
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.kernel.transforms import rotation_about
 from scan2fea.reconstruction import ReconstructionOptions, reconstruct
@@ -47,7 +48,7 @@ def shape(name: str) -> TriangleMesh:
 def defective(truth: TriangleMesh, defect: str) -> Scan:
     rng = np.random.default_rng(DEFECTS.index(defect))
     scan, _, _ = scanned(truth, SPACING, NOISE if defect == "noise" else 0.0, seed=1)
-    points, sensors = scan.cloud.points, scan.sensors()
+    points, sensors = scan.cloud.points.copy(), scan.sensors()
     if defect == "outliers":
         n = int(OUTLIERS * len(points))
         stray = truth.vertices.min(axis=0) + rng.random((n, 3)) * np.ptp(truth.vertices, axis=0)
@@ -83,6 +84,7 @@ def row(name: str, defect: str, method: str) -> dict[str, Any]:
     share = float((there <= NEAR).mean()), float((back <= NEAR).mean())
     refused = ", ".join(check.name for check in found.checks if not check.passed)
     out = {"n": len(scan.cloud), "f": 2 * share[0] * share[1] / max(sum(share), 1e-300), "sound": bool(surface_topology(found.mesh).is_clean)}
+    out["volume"] = volume(found.mesh) / volume(truth)
     return {**out, "refused": refused, "seconds": round(time.process_time() - begin, 1), "how": found.how["method"]}
 
 
@@ -95,7 +97,7 @@ def main() -> None:
     for r in rows(row, [(mesh, defect, method) for mesh in args.meshes for defect in DEFECTS for method in METHODS], 1, args.rows):
         name, defect, method = r["case"]
         table.setdefault((defect, method), []).append(r["f"])
-        text = f"{name:26s} {defect:10s} {method:10s} {r['n']:6d} points  F {100 * r['f']:6.2f}  {'closed' if r['sound'] else 'NO SURFACE'}"
+        text = f"{name:26s} {defect:10s} {method:10s} {r['n']:6d} points  F {100 * r['f']:6.2f}  volume {r.get('volume', 0):.3f}"
         print(f"{text}  {r.get('seconds', 0):5.1f} s  {r['refused'] or 'passed'}", flush=True)
     for defect in DEFECTS:
         print(f"{defect:10s} " + "  ".join(f"{method} {100 * np.mean(table[defect, method]):.2f}" for method in METHODS if (defect, method) in table))

@@ -63,11 +63,11 @@ def defective(truth: TriangleMesh, defect: str) -> Scan:
             gone |= away <= np.quantile(away, MISSING / 3)
         points, sensors = points[~gone], sensors[~gone]
     elif defect == "misaligned":
-        ways = rng.normal(size=(STATIONS, 3))
+        ways, shifts = rng.normal(size=(2, STATIONS, 3))
         station = np.argmax(np.nan_to_num(sensors - points) @ ways.T, axis=1)
         for k in range(STATIONS):
             own, centre = station == k, points.mean(axis=0)
-            R, shift = rotation_about(rng.normal(size=3), TURN), SHIFT * ways[k] / np.linalg.norm(ways[k])
+            R, shift = rotation_about(rng.normal(size=3), TURN), SHIFT * shifts[k] / np.linalg.norm(shifts[k])
             points[own] = (points[own] - centre) @ R.T + centre + shift
     return scan_of(points, sensors)
 

@@ -155,6 +155,11 @@ def test_a_shell_inside_another_is_told_as_a_cavity():
         repair(together(BOX, moved(BOX, 0.5 * np.eye(3), np.full(3, 0.25))))
 
 
+def test_a_shell_that_crosses_another_is_no_cavity():
+    with pytest.raises(RepairError, match=r"2 separate shells .*\(1 of them partly inside the largest: unite them first\)"):
+        repair(together(BOX, moved(BOX, 0.9 * np.eye(3), np.array([0.5, 0.05, 0.05]))))
+
+
 def test_every_step_that_changed_the_surface_is_kept_for_the_ledger():
     broken = mesh_of(BALL.vertices, BALL.faces[BALL.vertices[BALL.faces].mean(1)[:, 2] < 0.9])
     again = repair(broken)

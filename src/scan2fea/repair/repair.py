@@ -136,19 +136,22 @@ def _significant(mesh: TriangleMesh, small: float) -> tuple[TriangleMesh, int]:
     keep = areas >= small * areas.max()
     left = int(keep.sum())
     if left > 1:
-        inner = _nested(mesh, label, np.flatnonzero(keep), int(areas.argmax()))
-        told = f" ({inner} of them inside the largest: cavities are not carried through)" if inner else ""
+        inner, crossing = _nested(mesh, label, np.flatnonzero(keep), int(areas.argmax()))
+        words = [f"{inner} of them inside the largest: cavities are not carried through"] if inner else []
+        words += [f"{crossing} of them partly inside the largest: unite them first"] if crossing else []
+        told = f" ({'; '.join(words)})" if words else ""
         raise RepairError(f"the surface consists of {left} separate shells of at least {small:.0%} of the largest{told}: give one file per part")
     return without_unused(taken(mesh, keep[label])), n - left
 
 
-def _nested(mesh: TriangleMesh, label: IntArray, shells: IntArray, largest: int) -> int:
-    """How many of the other shells lie inside the largest, by one vertex of each; 0 where the largest is open."""
+def _nested(mesh: TriangleMesh, label: IntArray, shells: IntArray, largest: int) -> tuple[int, int]:
+    """How many of the other shells lie inside the largest, and how many partly, by their vertices; none where the largest is open."""
     outer = without_unused(taken(mesh, label == largest))
     if not surface_topology(outer).is_clean:
-        return 0
-    first = np.array([mesh.faces[np.flatnonzero(label == k)[0], 0] for k in shells if k != largest], np.int64)
-    return int((signed_distance(mesh.vertices[first], outer) < 0).sum())
+        return 0, 0
+    others = [np.unique(mesh.faces[label == k]) for k in shells if k != largest]
+    inside = [float((signed_distance(mesh.vertices[rows], outer) < 0).mean()) for rows in others]
+    return sum(share == 1 for share in inside), sum(0 < share < 1 for share in inside)
 
 
 def _closed(mesh: TriangleMesh, options: RepairOptions) -> HolesFilled | None:

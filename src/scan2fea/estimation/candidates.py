@@ -32,7 +32,8 @@ _RESOLVED = 4.0  # sigma: a box has the kurtosis of two Gaussian sheets 3.7 of t
 _FLATTEST_TUBE = 4.0  # h / b: nine in ten rectangular tubes of sections.csv are at most 3; flatter is rather a plate
 _STILL_IN = 100.0  # BIC units behind the best at which a hypothesis is dropped: no law of noise or trimming of the ends brought one back from there
 _SAME_TOP = 0.05  # log-likelihood units: climbs that end so alike have met
-_LAW_PRICE = 10.0  # BIC units that a law other than Gauss's must gain: "very strong evidence" (Kass and Raftery 1995)
+_VERY_STRONG = 10.0  # BIC units (Kass and Raftery 1995)
+_LAW_PRICE = _VERY_STRONG  # that a law other than Gauss's must gain
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -258,8 +259,10 @@ def hidden_faces(scene: Scene, candidate: Candidate) -> list[Candidate]:
     """The same family with faces unseen: as a set of whole faces, and with every face's density free."""
     if len(faces(candidate.family)) < 2:
         return []
-    begun = (candidate.theta, *_opened(candidate.layout, candidate.theta))
-    return [found for theta in begun for found in _hidden_from(scene, replace(candidate, theta=theta))]
+    found = _hidden_from(scene, candidate)
+    limit = min(c.bic for c in found) - _VERY_STRONG
+    opened = [c for theta in _opened(candidate.layout, candidate.theta) for c in _hidden_from(scene, replace(candidate, theta=theta))]
+    return found + [c for c in opened if c.bic < limit]
 
 
 def _opened(layout: Layout, theta: FloatArray) -> list[FloatArray]:

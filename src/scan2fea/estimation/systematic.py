@@ -18,9 +18,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 from scipy.special import gammainc
 
+from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.section_likelihood import face_lengths, faces
 from scan2fea.kernel.sections import PARAMETERS
@@ -56,7 +56,7 @@ _SIDES: Mapping[str, Mapping[str, tuple[tuple[str, ...], ...]]] = {
 def thinned_spacing(points: FloatArray, seed: int = 0) -> float:
     """Median distance (m) to the nearest neighbour of points (n, 3) that keep a distance from each other; 0 of points at random."""
     some = points[sampled_rows(len(points), _POINTS, seed)]
-    distance = np.asarray(cKDTree(points).query(some, k=2)[0])[:, 1]
+    distance = k_nearest(points, 2, some)[0][:, 1]
     least, median = (float(x) for x in np.quantile(distance, (0.05, 0.5)))
     return median if least > _REGULAR * median else 0.0
 

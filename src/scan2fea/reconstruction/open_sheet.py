@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from scan2fea.errors import ReconstructionError, require
+from scan2fea.kernel.coverage import HOLE_SPACINGS
 from scan2fea.kernel.delaunay import tetrahedralise
 from scan2fea.kernel.noise import spacing
 from scan2fea.reconstruction.advancing_front import front
@@ -16,7 +17,8 @@ from scan2fea.types import FloatArray, Scan, TriangleMesh
 
 
 def open_sheet(scan: Scan, max_points: int = 150_000, seed: int = 0) -> TriangleMesh:
-    """The triangles of the advancing front through the denoised points: manifold with borders, each piece turned one way.
+    """The triangles of the advancing front through the denoised points: manifold with borders, each piece turned one way; gaps wider
+    than HOLE_SPACINGS stay open.
 
     Sensors tell the outer side where half of the points have one; else the plain front does, piece by piece, and its triangles lend the points their
     normals. Inferred points are left out. Raises ReconstructionError for fewer than LEAST_POINTS points or points that coincide.
@@ -34,7 +36,9 @@ def open_sheet(scan: Scan, max_points: int = 150_000, seed: int = 0) -> Triangle
     normals, sigma = first_normals(points, toward, h)
     clean = denoise(points, normals, h, sigma)
     faces = front(tetrahedralise(clean.points, h, seed), clean.normals).faces
-    used, packed = np.unique(faces, return_inverse=True)
+    corners = clean.points[faces]
+    longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
+    used, packed = np.unique(faces[longest <= HOLE_SPACINGS * h], return_inverse=True)  # what is wider was not measured
     return TriangleMesh(vertices=clean.points[used], faces=packed.reshape(-1, 3).astype(np.int64))
 
 

@@ -10,6 +10,7 @@ from scan2fea.errors import FormatError, InputError
 from scan2fea.io.motion_log import INERTIAL, POSES, POSITIONS, RANGES, kind_of_log, read_inertial, read_positions, read_ranges
 from scan2fea.io.nmea import read_nmea
 from scan2fea.io.pcap import packet_header, pcap_header, record_header
+from scan2fea.io.unit_inertial import read_unit_inertial
 from scan2fea.kernel.geodesy import earth_centred, east_north_up, gravity
 
 G = 9.80665
@@ -157,3 +158,49 @@ def test_the_earth():
     origin = np.array([0.7, 0.2, 100.0])
     np.testing.assert_allclose(east_north_up(np.array([0.7]), np.array([0.2]), np.array([150.0]), origin), [[0, 0, 50]], atol=1e-6)
     assert gravity(0.0, 0.0) == pytest.approx(9.7803253359) and gravity(np.pi / 2, 0.0) == pytest.approx(9.8321849, abs=1e-6)
+
+
+def base_packets(path, rows, begun_us=3_599_990_000):
+    """Position packets 10 ms apart with the twelve words of each row (3 chips: rate, temperature, accelerations x and y)."""
+    content = pcap_header()
+    for k, row in enumerate(rows):
+        body = bytearray(512)
+        words = [(i % 4 << 12) | (int(v) & 0xFFF) for i, v in enumerate(np.ravel(row))]
+        body[14:38] = np.array(words, "<u2").tobytes()
+        body[198:202] = np.array([(begun_us + 10_000 * k) % 3_600_000_000], "<u4").tobytes()
+        head = packet_header(512, 8308)
+        content += record_header(k / 100, len(head) + 512) + head + bytes(body)
+    path.write_bytes(content)
+    return path
+
+
+def test_the_base_of_a_scanner_tells_rates_and_forces_along_its_axes(tmp_path):
+    """Each word alone, in both signs, against its axis and scale; times go on after the hour."""
+    still = np.array([[0, 0, 819, 0], [0, 0, 819, 0], [0, 0, 0, 0]])
+    rates = {(0, 0): (2, 1), (1, 0): (1, 1), (2, 0): (3, -1)}
+    axis = rates | {(0, 2): (6, 0.5), (1, 2): (6, 0.5), (2, 2): (4, 0.5), (0, 3): (4, -0.5), (1, 3): (5, -0.5), (2, 3): (5, -0.5)}
+    rows = [still] + [still + sign * 100 * np.eye(12)[4 * chip + word].reshape(3, 4) for chip, word in axis for sign in (1, -1)]
+    table = read_unit_inertial(base_packets(tmp_path / "a.pcap", rows))
+    np.testing.assert_allclose(table[:, 0], 3599.99 + 0.01 * np.arange(len(rows)), atol=1e-9)
+    np.testing.assert_allclose(table[0, 1:], [0, 0, 0, 0, 0, 819 * 0.001221 * G], atol=1e-12)
+    for k, (where, (column, sign)) in enumerate(axis.items()):
+        scale = np.radians(0.09766) if where[1] == 0 else 0.001221 * G
+        for row, way in ((2 * k + 1, 1), (2 * k + 2, -1)):
+            expected = np.zeros(7)
+            expected[column] = way * 100 * sign * scale
+            np.testing.assert_allclose((table[row] - table[0])[1:], expected[1:], atol=1e-12)
+    assert read_inertial(tmp_path / "a.pcap").value.rate.shape == (len(rows), 3)
+
+
+def test_packets_without_inertial_words_are_told(tmp_path):
+    with pytest.raises(FormatError, match="0 of 6 position packets hold inertial words"):
+        read_unit_inertial(capture(tmp_path / "a.pcap", "", ""))
+
+
+@real
+def test_a_car_that_hardly_moves_feels_gravity_and_its_accelerometers_agree():
+    log = read_inertial(MONTEREY).value
+    assert len(log) == 299 and np.ptp(log.time_s) == pytest.approx(1.49, abs=0.01)
+    assert abs(log.time_s[0] - read_nmea(MONTEREY)[0][0, 0]) < 2.0  # one clock
+    assert np.linalg.norm(log.force.mean(axis=0)) == pytest.approx(G, rel=0.05)
+    assert log.force.mean(axis=0)[2] > 0.95 * np.linalg.norm(log.force.mean(axis=0))

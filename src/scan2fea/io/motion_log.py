@@ -14,6 +14,7 @@ from scan2fea.errors import FormatError, InputError, require
 from scan2fea.io.nmea import holds_nmea, read_nmea
 from scan2fea.io.planar_scan import planar_columns
 from scan2fea.io.table import Table, read_table
+from scan2fea.io.unit_inertial import is_capture, read_unit_inertial
 from scan2fea.kernel.geodesy import STANDARD_GRAVITY, east_north_up
 from scan2fea.types import BoolArray, FloatArray, InertialLog, IntArray, PositionLog, RangeLog
 
@@ -72,11 +73,17 @@ def kind_of_log(path: Path) -> str:
 
 
 def read_inertial(path: Path, angle_unit: str = "auto") -> Read[InertialLog]:
-    """Rates, specific force and, where it is there, the magnetic field. angle_unit : "rad" or "deg" of the rates; "auto": as the names say, else rad.
+    """Rates, specific force and, where it is there, the magnetic field; of a capture those of the scanner's base.
+
+    angle_unit : "rad" or "deg" of the rates; "auto": as the names say, else rad.
 
     Rows with a value that is missing or a time that does not rise are left out and counted. Raises InputError for units that cannot be (a mean force
     that is not gravity, rates beyond 2000 degrees per second) and where more than a tenth of the times do not rise; FormatError for missing columns.
     """
+    if is_capture(path):
+        rows, notes = _usable(path, read_unit_inertial(path))
+        log = InertialLog(time_s=rows[:, 0], rate=rows[:, 1:4], force=_in_si(path, rows[:, 4:7], "ms2")[0], is_gap=_gaps(rows[:, 0]))
+        return Read(log, tuple(f"{path.name}: {note}" for note in ("the gyroscopes of a scanner's base have offsets that nobody took out", *notes)))
     table = read_table(path)
     rate, force, field = (_triple(table.names, kind) for kind in ("rate", "force", "field"))
     says = f"{path}: columns of rate and specific force are needed (gx, gy, gz, ax, ay, az); its columns: {', '.join(table.names)[:150] or None}"

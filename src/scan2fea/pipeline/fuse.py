@@ -18,6 +18,7 @@ from scan2fea.io import RawScan, read_scan, write_text, write_trajectory
 from scan2fea.io.files import existing_file, sha256_of, write_bytes
 from scan2fea.io.motion_log import INERTIAL, POSES, POSITIONS, RANGES, kind_of_log, read_inertial, read_positions, read_ranges
 from scan2fea.io.trajectory import write_covariance
+from scan2fea.io.unit_inertial import OFFSET_RAD_S, is_capture
 from scan2fea.kernel.transforms import rigid, rotation_about
 from scan2fea.pipeline.config import Config, to_toml
 from scan2fea.pipeline.longest import longest_piece
@@ -120,6 +121,11 @@ def read_logs(inputs: Sequence[Path], options: FusionOptions) -> Logs:
 def _read(path: Path, kind: str, options: FusionOptions) -> tuple[Any, tuple[str, ...]]:
     if kind == INERTIAL:
         inertial = read_inertial(path, options.angle_unit)
+        says = (
+            f"{path}: the gyroscopes of a scanner's base are not calibrated (29 degrees/s were seen at rest), and fusion.gyro_bias = "
+            f"{options.gyro_bias:g} rad/s would take that for a turn: set it to {OFFSET_RAD_S:g}, and give a log that tells the offset (--gps)"
+        )
+        require(options.gyro_bias >= OFFSET_RAD_S or not is_capture(path), InputError, says)
         return inertial.value, inertial.notes
     if kind == POSITIONS:
         positions = read_positions(path)

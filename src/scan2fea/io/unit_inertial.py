@@ -31,7 +31,7 @@ def is_capture(path: Path) -> bool:
 
 
 def read_unit_inertial(path: Path) -> FloatArray:
-    """(n, 7) seconds of the day, of the hour where the receiver told no time (going on after either), rates (rad/s) and specific force (m/s^2) along the axes of the scanner.
+    """(n, 7) seconds of the day (of the hour where the receiver told no time), rates (rad/s) and specific force (m/s^2), axes of the scanner.
 
     Raises FormatError where the capture holds no position packets of this layout.
     """

@@ -3,7 +3,7 @@
 A surface ends, along a ring, between the last beam that met it and the next one, that went on farther or did not come back. The ray in the middle
 meets the plane of that surface in a point that owes nothing to the noise of ranges: half a step of the azimuth is all that is not known. Where the
 next beam ended on something nearer, that thing's shadow is what ends, which moves with the sensor: such places are not used, nor is a line that
-stays with the sensor (the end of its reach, a cut of its view).
+stays with the sensor (the end of its reach, a cut of its view), nor one seen from beyond, where the face below the border may come first.
 """
 
 from __future__ import annotations
@@ -124,8 +124,11 @@ def borders(ends: Ends, T_world_knot: FloatArray, planes: MapPlanes, world: Floa
         flat_xy = np.ascontiguousarray((x[rows] + meets - centre) @ planes.axes[k].T)
         for line in _lines(flat_xy, ends.sweep[rows], _TOLERANCE * edge_m, _LEAST_EDGES * edge_m):
             off_along, m, moves, deviation = _fitted(flat_xy[line], ray[rows[line]], step[rows[line]], normal, planes.axes[k])
-            if _spread(meets[line] @ m) < _STAYS * _spread(off_along[:, 0]):
+            to_sensor = -(meets[line] @ m)  # from the border; seen from beyond it, what ends may be the face below
+            inner = to_sensor * float((centre - (x[rows] + meets)[line].mean(axis=0)) @ m) > 0
+            if int(inner.sum()) < _LEAST or _spread(to_sensor) < _STAYS * _spread(off_along[:, 0]):
                 continue
+            line, off_along, moves, deviation = line[inner], off_along[inner], moves[inner], deviation[inner]
             own = np.concatenate([np.cross(meets[line], moves), moves], axis=1)
             terms = np.stack([np.ones(len(line)), off_along[:, 1], np.zeros(len(line))], axis=1)
             parts.append((rows[line], off_along[:, 0], own, terms, deviation, np.full(len(line), n)))

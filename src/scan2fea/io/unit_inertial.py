@@ -27,7 +27,7 @@ _RATE, _FORCE = math.radians(0.09766), 0.001221 * STANDARD_GRAVITY
 
 def is_capture(path: Path) -> bool:
     """True where the file begins as a pcap file does."""
-    return existing_file(path) and mapped(path)[:4].tobytes() in MAGIC
+    return bool(existing_file(path)) and mapped(path)[:4].tobytes() in MAGIC
 
 
 def read_unit_inertial(path: Path) -> FloatArray:

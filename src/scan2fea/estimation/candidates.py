@@ -31,7 +31,6 @@ _WEB_MEDIAN, _WEB_SPREAD = 0.65, 0.5  # of tw / tf there, and of its log
 _RESOLVED = 4.0  # sigma: a box has the kurtosis of two Gaussian sheets 3.7 of their sigma apart; further apart are two sheets under any law of noise
 _FLATTEST_TUBE = 4.0  # h / b: nine in ten rectangular tubes of sections.csv are at most 3; flatter is rather a plate
 _STILL_IN = 100.0  # BIC units behind the best at which a hypothesis is dropped: no law of noise or trimming of the ends brought one back from there
-_SAME_TOP = 0.05  # log-likelihood units: climbs that end so alike have met
 _VERY_STRONG = 10.0  # BIC units (Kass and Raftery 1995)
 _LAW_PRICE = _VERY_STRONG  # that a law other than Gauss's must gain
 
@@ -342,20 +341,11 @@ def with_noise(scene: Scene, candidate: Candidate, noise: str) -> Candidate:
     done = climbed(model, candidate.theta, scene.size_m, fixed=held, tolerance=1e-2)
     if noise != candidate.noise and _unresolved(candidate, _RESOLVED):
         # wall and noise were traded against each other under the other law: another part of the ridge may be higher now
-        few = scene.model(candidate.layout, noise, candidate.face_weight, few=True)
-        begun = (done.theta, *on_the_ridge(candidate.layout, done.theta, held))
-        tops = _apart([climbed(few, theta, scene.size_m, fixed=held, tolerance=1e-2) for theta in begun])
-        tried = [climbed(model, theta, scene.size_m, fixed=held, max_iterations=15, tolerance=1e-2) for theta in tops]
+        begun = on_the_ridge(candidate.layout, done.theta, held)
+        tried = [climbed(model, theta, scene.size_m, fixed=held, max_iterations=15, tolerance=1e-2) for theta in begun]
         done = max([done, *tried], key=lambda t: t.log_posterior)
     law = _LAW_PRICE * (float(noise != "gaussian") - float(candidate.noise != "gaussian"))
     return candidate_of(scene, model, done, candidate.price + law)
-
-
-def _apart(tops: Sequence[Scored]) -> list[FloatArray]:
-    """Where climbs on the first points ended, without the first, those that ended where another did, and those far below the best."""
-    levels = np.array([top.log_posterior for top in tops])
-    new = [np.abs(levels[:k] - levels[k]).min() > _SAME_TOP and levels[k] > levels.max() - _MARGIN / 2 for k in range(1, len(tops))]
-    return [top.theta for top, is_new in zip(tops[1:], new, strict=True) if is_new]
 
 
 def with_likeliest_noise(scene: Scene, found: Sequence[Candidate], laws: tuple[str, ...]) -> tuple[list[Candidate], dict[str, Candidate]]:

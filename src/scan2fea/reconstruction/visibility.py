@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scan2fea.errors import ReconstructionError, require
+from scan2fea.kernel.measures import volume
 from scan2fea.kernel.noise import spacing
 from scan2fea.options import option
 from scan2fea.reconstruction.carve import Carved, carve, gaps
@@ -27,6 +28,7 @@ from scan2fea.types import Check, FloatArray, Scan, TriangleMesh, Value
 
 LEAST_POINTS = 20
 KNOWN_SHARE = 0.5  # of the measured points must have a sensor for the sensors to lead
+SAME_VOLUME = 0.01  # two answers that agree so well are one: what the sensors say against it stands
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +97,9 @@ def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> 
         blind = _unseen(scan, options, "rejected", why, hidden_points(seen.mesh, cloud.points, h, options.seed))
     except ReconstructionError:
         return seen
-    return blind if len(failed(blind.checks)) < len(failed(seen.checks)) else seen  # planes may mend what is left
+    fewer = len(failed(blind.checks)) < len(failed(seen.checks))
+    is_same = abs(volume(blind.mesh) - volume(seen.mesh)) <= SAME_VOLUME * abs(volume(seen.mesh))
+    return blind if fewer and not is_same else seen  # planes may mend what is left
 
 
 def _seen(scan: Scan, options: VisibilityOptions, sensors: FloatArray, spacing_m: float) -> Reconstruction | None:

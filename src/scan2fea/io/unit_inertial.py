@@ -1,8 +1,9 @@
 """The inertial sensors in the base of an HDL-32E: three gyroscopes with two-axis accelerometers, in the position packets of a capture.
 
-Layout (HDL-32E user manual, figure B3): from byte 14 four words for each of the three chips, rate, temperature and two accelerations; twelve bits in
-two's complement, the four above number the word. From byte 198 the microseconds past the hour. Scales: 0.09766 degrees/s and 0.001221 g a step. How
-the chips lie against the axes of the scanner: x and y, say, each seen by two of the accelerometers, which agree to 0.03 g in a real capture.
+Layout as public drivers of the unit decode it (the manual's own figure was not seen): from byte 14 four words for each of the three chips, rate,
+temperature and two accelerations; twelve bits in two's complement, the four above number the word. From byte 198 the microseconds past the hour.
+Scales: 0.09766 degrees/s and 0.001221 g a step. How the chips lie against the axes of the scanner: x and y, say, each seen by two of the
+accelerometers, which agree to 0.03 g in a real capture.
 """
 
 from __future__ import annotations

@@ -133,6 +133,17 @@ def test_the_end_of_the_reach_is_no_border():
     assert (np.abs(np.c_[held - LOW, held - HIGH]).min(axis=1) < 0.05).all()
 
 
+def test_a_border_seen_from_beyond_is_not_used():
+    """Beside the plate the nearest border is met first from outside: were the plate thick, its side face would end there, not its top."""
+    knots = rigid(np.eye(3), np.array([LOW[0] - 3.0, 2.2, 0.0])) @ even(12, [0.1, 0.0, 0.0], 2.0)
+    sweeps = over_a_plate(knots, 0.0)
+    ends = surface_ends(*sweeps, 0.01)
+    at = met(ends, knots)[:, :2]
+    near = (np.abs(at[:, 0] - LOW[0]) < 0.1) & (np.abs(at[:, 1] - 2.2) < 0.9)
+    assert near.sum() > 20  # enough for a border
+    assert rows_of(knots, sweeps, ends)[1].n == 1  # one of the two long ones; 2 with the near one
+
+
 def test_backwards_in_time_the_same_ends():
     ends = surface_ends(*over_a_plate(even(3, [0.2, 0.0, 0.0], 0.0), 0.0), 0.01)
     back = ends.reversed(3)

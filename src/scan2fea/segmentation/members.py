@@ -23,7 +23,6 @@ from scan2fea.kernel.normals import pca_normals
 from scan2fea.kernel.spanning_tree import tree_parts
 from scan2fea.kernel.voxels import voxel_mean
 from scan2fea.segmentation.extents import Extent, extent_of
-from scan2fea.segmentation.leaves import JUDGED, apart_from_leaves, leaves_of, on_surfaces
 from scan2fea.segmentation.sweeps import GAP, ONE_FACE, SLICE, across, directions, refined_axis, run_lengths, slice_profile
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
@@ -42,6 +41,8 @@ _ALONG = 0.5  # of its length that a piece lies along another to be one with it
 _IN_LINE = 0.97  # cosine of 14 degrees
 _OBLIQUE = 0.26  # cosine of 75 degrees
 _ALIKE = 1.35  # ratio of widths that still is the same section
+_ROUGH = ((16, 0.08), (96, 0.15))  # neighbours, share of their spread across their plane: a third in leaves, a hundredth on a face
+_JUDGED = 4_000
 _MOST_CUTS, _MOST_CELLS = 40, 2e6
 _EMPTY = 0.75  # of its usual share: less, and the section is not there
 _SHORT, _INSIDE = 0.25, 0.8  # a piece of less than a quarter of the length must lie within the other's box to be one with it
@@ -63,18 +64,6 @@ def members(points: FloatArray, seed: int = 0, min_points: int = 100) -> IntArra
     if len(points) < _LEAST:
         return whole
     thin = _thinned(points, seed)
-    if thin is None:
-        return whole
-    leaf = leaves_of(thin.points)
-    if leaf is not None:
-        return apart_from_leaves(points, leaf[thin.of_point], _LINK * thin.h, min_points, lambda own: _of_surfaces(own, seed, min_points))
-    return _of_surfaces(points, seed, min_points, thin)
-
-
-def _of_surfaces(points: FloatArray, seed: int, min_points: int, thin: _Thin | None = None) -> IntArray:
-    """`members` of points (n, 3) without leaves."""
-    whole = np.zeros(len(points), np.int64)
-    thin = thin or (_thinned(points, seed) if len(points) >= _LEAST else None)
     if thin is None:
         return whole
     piece, axes = _pieces(thin, seed)
@@ -351,8 +340,13 @@ def _members_of(thin: _Thin, group: IntArray) -> tuple[IntArray, list[Extent]] |
 
 def _share_of_surfaces(thin: _Thin, on: BoolArray) -> float:
     """Share of those points that are marked among the points that lie on surfaces: leaves and heaps that touch a frame explain nothing."""
-    rows = sampled_rows(len(on), JUDGED, 0)
-    smooth = on_surfaces(thin.points, rows)
+    rows = sampled_rows(len(on), _JUDGED, 0)
+    smooth = np.zeros(len(rows), bool)
+    for k, rough in _ROUGH:  # a thin plate looks rough from near, a bar from afar
+        patch = thin.points[k_nearest(thin.points, k, thin.points[rows])[1]]
+        patch = patch - patch.mean(axis=1, keepdims=True)
+        spread = np.linalg.eigvalsh(np.einsum("mki,mkj->mij", patch, patch))
+        smooth |= spread[:, 0] <= rough * spread.sum(axis=1)
     return float(on[rows][smooth].mean()) if smooth.sum() >= _LEAST else 0.0
 
 

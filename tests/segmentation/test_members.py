@@ -16,6 +16,7 @@ from scan2fea.simulation.member import MemberScanOptions, member_points
 from scan2fea.simulation.shape_kinds import KINDS
 from scan2fea.simulation.stations import StationsOptions, scan_stations
 from scan2fea.simulation.touching import is_member, stations_around, touching_room
+from scan2fea.types import PointCloud, Scan
 
 H = 0.01
 
@@ -158,7 +159,6 @@ def test_end_faces_of_a_flat_bar_stay_with_it():
 
 def test_option_leaves_them_together():
     points, _ = portal()
-    from scan2fea.types import PointCloud, Scan
 
     scan = Scan(cloud=PointCloud.of(points))
     assert len(segment_scene(scan).kinds) == 3
@@ -172,3 +172,13 @@ def test_members_that_stand_in_leaves_fall_apart_all_the_same():
     good = agreement(np.r_[truth, np.full(len(leaves), 3)], found)
     assert good.iou[1:3].min() > 0.9
     assert good.iou[0] > 0.5  # the post stands in them
+
+
+def test_a_beam_whose_noise_is_three_walls_stays_whole():
+    """The thesis's own: no point of it lies on a surface, and nothing of it is a bush."""
+    options = MemberScanOptions(noise_m=0.02 / 3**0.5, noise="uniform", seed=97)
+    size = {"a": 0.127, "b": 0.127, "t": 0.00635, "length": 3.048}
+    points = member_points("L", size, 20_000, options) @ random_rotation(np.random.default_rng(5)).T
+    found = segment_scene(Scan(cloud=PointCloud.of(points)))
+    assert [kind for kind in found.kinds if kind == "object"] == ["object"]
+    assert (found.labels >= 0).mean() > 0.99

@@ -1,8 +1,9 @@
-"""CPU seconds of voxel means and outlier filters, beside Open3D where it is installed (never in the project's own environment).
+"""CPU seconds of voxel means and outlier filters, beside PCL and Open3D where they are there (never in the project's own environment).
 
-    python benchmarks/filters.py [--points 10000000]
+    python benchmarks/filters.py [--points 10000000] [--pcl PROGRAM]
 
-Points of surfaces in a cube of 20 m, noise 5 mm. One thread of ours; process time of both, so that Open3D's threads count. Nothing is asserted.
+Points of surfaces in a cube of 20 m, noise 5 mm; the filters get the first tenth of them. PROGRAM is `pcl_filters.cpp`, compiled (its second line
+says how). One thread of ours; process time of all, so that threads of others count. Nothing is asserted.
 """
 
 from __future__ import annotations
@@ -10,8 +11,11 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import resource
+import subprocess
+import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 
@@ -19,6 +23,8 @@ from scan2fea.filtering import FilteringOptions
 from scan2fea.filtering.outliers import outliers
 from scan2fea.kernel.voxels import voxel_mean
 from scan2fea.types import FloatArray
+
+RADIUS = 0.26  # m: about fifteen of a million points lie within
 
 
 def faces(n: int, seed: int = 0) -> FloatArray:
@@ -41,14 +47,23 @@ def timed(what: str, verb: Callable[[], object]) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--points", type=int, default=10_000_000)
-    n = parser.parse_args().points
-    points, few = faces(n), faces(n // 10, 1)
+    parser.add_argument("--pcl", type=Path)
+    given = parser.parse_args()
+    n = given.points
+    points = faces(n)
+    few = points[: n // 10].copy()
     voxel_mean(few[:100], 0.1)
     for edge in (0.02, 0.1):
         timed(f"voxel mean of {n:,}, edge {edge} m, ours ({points.nbytes / 2**20:.0f} MB in)", lambda edge=edge: voxel_mean(points, edge))
-    for method in ("density", "statistical", "isolated"):
-        outliers(few[:1000], FilteringOptions(outliers=method))
-        timed(f"{method} filter of {n // 10:,}, ours", lambda method=method: outliers(few, FilteringOptions(outliers=method)))
+    for method in ("density", "radius", "statistical", "isolated"):
+        options = FilteringOptions(outliers=method, radius_m=RADIUS)
+        outliers(few[:1000], options)
+        timed(f"{method} filter of {n // 10:,}, ours", lambda options=options: outliers(few, options))
+    if given.pcl:
+        with tempfile.NamedTemporaryFile() as file:
+            points.tofile(file)
+            file.flush()
+            print(subprocess.run([given.pcl, file.name, str(RADIUS)], check=True, capture_output=True, text=True).stdout, end="")
     if importlib.util.find_spec("open3d") is None:
         print("open3d is not installed here")
         return

@@ -118,7 +118,7 @@ def test_a_capture_is_put_together_by_its_trajectory(tmp_path):
     knots = KNOTS[:4]
     time = capture(tmp_path / "a.pcap", knots)
     write_trajectory(tmp_path / "way.txt", Trajectory(T_world_frame=knots, placed=np.ones(4, bool), time_s=time))
-    smeared = register_files([tmp_path / "a.pcap"], tmp_path / "as_it_lies", load_config())
+    smeared = register_files([tmp_path / "a.pcap"], tmp_path / "as_it_lies", load_config(None, {"registration.sweeps": "as_they_lie"}))
     assert "sweeps" not in smeared["registration"]
     report = register_files([tmp_path / "a.pcap"], tmp_path / "out", load_config(None, {"registration.poses": str(tmp_path / "way.txt")}))
     before, after = (off_room(read_scan(tmp_path / name / "cloud.ply").scan.cloud.points) for name in ("as_it_lies", "out"))

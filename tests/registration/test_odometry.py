@@ -9,7 +9,7 @@ from scan2fea.registration.agreement import Agreement
 from scan2fea.registration.joint import joint
 from scan2fea.registration.map_patches import FLATTEST, map_surfaces
 from scan2fea.registration.motion import moved, stepped
-from scan2fea.registration.odometry import VISIBLE, Odometry, _changed, _each, _mean, _reversed, _strided, _turned, odometry
+from scan2fea.registration.odometry import VISIBLE, Odometry, _changed, _each, _mean, _reversed, _strided, _turned, has_changed, odometry
 from swept import PERIOD, even, swept
 
 
@@ -33,6 +33,12 @@ def test_a_scanner_that_stands_is_told_to_stand():
     found = odometry(swept(even(7, [0, 0, 0], 0), 0.01), 0.01)
     assert found.stands and found.is_sure and not found.is_stuck
     assert np.linalg.norm(found.T_world_knot[:, :3, 3], axis=1).max() < 0.005 and abs(found.changed) <= VISIBLE
+
+
+@pytest.mark.parametrize(("step", "turn_deg", "n"), [((0, 0, 0), 0, 7), ((0.15, 0.02, 0), 1.0, 8), ((0, 0, 0), 2.0, 7), ((0.15, 0, 0), 0, 4)])
+def test_whether_a_motion_is_worth_a_search(step, turn_deg, n):
+    """A step or a turn is; chance is not, and a few sweeps tell nothing."""
+    assert has_changed(swept(even(n, step, turn_deg), 0.01), 0.01) == (n > 5 and (any(step) or turn_deg > 0))
 
 
 def test_a_corridor_without_ends_leaves_its_own_direction_open():

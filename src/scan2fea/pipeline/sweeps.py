@@ -9,11 +9,12 @@ import numpy as np
 
 from scan2fea.io import RawScan
 from scan2fea.kernel.trajectories import between
-from scan2fea.registration import VISIBLE, Odometry, RegistrationOptions, Sweeps, at_times, moved, odometry
+from scan2fea.registration import VISIBLE, Odometry, RegistrationOptions, Sweeps, at_times, has_changed, moved, odometry
 from scan2fea.types import FloatArray, IntArray, Rays, Scan, Trajectory, Value
 
 HOUR_S = 3600.0  # the clock of a Velodyne unit begins again
 _MAD = 1.4826
+_STOOD = ", or registration.sweeps = as_they_lie where only things before it moved"
 _PARTS, _FEW = 64, 0.02  # of a turn; a part with so few returns of the fullest is empty
 
 
@@ -42,7 +43,7 @@ def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Traj
     rays = raw.scan.rays
     if raw.sweep is None or rays is None or rays.time_s is None or bool((raw.scan.cloud.ray < 0).any()):
         return raw, None, ""
-    if given is None and options.sweeps != "odometry":
+    if given is None and options.sweeps == "as_they_lie":
         return raw, None, ""
     time = unwrapped(rays.time_s[raw.scan.cloud.ray])
     if given is not None and given.time_s is not None:
@@ -53,7 +54,7 @@ def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Traj
         told = "registration.poses" if given.covariance is None else "the inertial unit and the logs beside it"
         return replace(_moved(raw, path, first, share, f"its motion was taken out by the trajectory of {told}"), pose_given=True), path, ""
     period = period_of(time, raw.sweep)
-    return _by_odometry(raw, rays, frame, time, period) if period > 0 else (raw, None, "")
+    return _by_odometry(raw, rays, frame, time, period, options.sweeps == "odometry") if period > 0 else (raw, None, "")
 
 
 def cut_in_sweeps(points: FloatArray, rays: Rays, ray: IntArray, time_s: FloatArray, period_s: float) -> tuple[Sweeps, float]:
@@ -68,13 +69,20 @@ def cut_in_sweeps(points: FloatArray, rays: Rays, ray: IntArray, time_s: FloatAr
     return Sweeps(points=points[order], sweep=sweep, share=share, period_s=period_s, gap_rad=_gap(rays), ring=ring), begun
 
 
-def _by_odometry(raw: RawScan, rays: Rays, frame: int, time: FloatArray, period: float) -> Unrolled:
-    """The input with the motion taken out that its sweeps tell; as it lies, with the reason, where they tell none that can be believed."""
+def _by_odometry(raw: RawScan, rays: Rays, frame: int, time: FloatArray, period: float, asked: bool) -> Unrolled:
+    """The input with the motion taken out that its sweeps tell; as it lies, with the reason, where they tell none that can be believed.
+
+    Unless it was asked for, nothing is searched where the beams end as they did.
+    """
     sweeps, begun = cut_in_sweeps(raw.scan.cloud.points, rays, raw.scan.cloud.ray, time, period)
-    found = odometry(sweeps, range_noise(rays, raw.scan.cloud.ray, time))
+    sigma = range_noise(rays, raw.scan.cloud.ray, time)
+    if not asked and not has_changed(sweeps, sigma):
+        return raw, None, ""
+    found = odometry(sweeps, sigma)
     if not found.is_sure:
         why = _why_not(found)
-        smeared = f"{why}, and it moved ({found.changed:.0%} of its beams end elsewhere): give it with --poses" if found.changed > VISIBLE else ""
+        moved_too = found.changed > VISIBLE
+        smeared = f"{why}, and it moved ({found.changed:.0%} of its beams end elsewhere): give it with --poses{_STOOD}" if moved_too else ""
         return replace(raw, notes=(*raw.notes, f"{why}: it stays as it lies; give its motion with --poses")), None, smeared
     if found.stands:
         reach = float(np.linalg.norm(found.T_world_knot[:, :3, 3], axis=1).max())

@@ -1,7 +1,7 @@
 """Inputs into one frame (see docs/design.md and docs/registration.md)."""
 
 from scan2fea.registration.motion import at_times, deskewed, deskewed_by, moved
-from scan2fea.registration.odometry import VISIBLE, Odometry, Sweeps, odometry
+from scan2fea.registration.odometry import VISIBLE, Odometry, Sweeps, has_changed, odometry
 from scan2fea.registration.options import RegistrationOptions
 from scan2fea.registration.place import Placed, joined, place
 from scan2fea.registration.poses import read_poses, read_trajectory
@@ -18,6 +18,7 @@ __all__ = [
     "at_times",
     "deskewed",
     "deskewed_by",
+    "has_changed",
     "joined",
     "moved",
     "odometry",

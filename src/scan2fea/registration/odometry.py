@@ -130,7 +130,7 @@ def odometry(sweeps: Sweeps, sigma_m: float) -> Odometry:
     few = _thinned(sweeps, sigma_m)
     fans = Fans(sweeps.points, sweeps.sweep, sweeps.share, sigma_m, sweeps.gap_rad)
     sigma = max(sigma_m, _LEAST_SIGMA_EDGES * few.edge_m)
-    changed = _step_change(sweeps, max(len(sweeps) - 3, 1), sigma) - _step_change(sweeps, 1, sigma)
+    changed = _change(sweeps, sigma)
     back = _reversed(few.sweeps)
     stride, starts = _begun(sweeps, few.sweeps, back, few.edge_m, sigma, fans)
     ends = None if sweeps.ring is None else surface_ends(sweeps.points, sweeps.ring, sweeps.sweep, sweeps.share, sigma)
@@ -199,6 +199,16 @@ def _mean(rounds: FloatArray) -> FloatArray:
 
 
 # ------------------------------------------------------------------ is there a motion to be seen
+
+
+def has_changed(sweeps: Sweeps, sigma_m: float) -> bool:
+    """True where so many beams end elsewhere in the end that the sensor, or much of what it saw, has moved. sigma_m : noise of a range."""
+    return len(sweeps) >= LEAST_STEPS and _change(sweeps, max(sigma_m, _LEAST_SIGMA_EDGES * _thinned(sweeps, sigma_m).edge_m)) > VISIBLE
+
+
+def _change(sweeps: Sweeps, sigma_m: float) -> float:
+    """Share of the beams that change from the first sweep to the last, beyond what changes from one to the next."""
+    return _step_change(sweeps, max(len(sweeps) - 3, 1), sigma_m) - _step_change(sweeps, 1, sigma_m)
 
 
 def _strides(sweeps: Sweeps, sigma_m: float) -> list[int]:

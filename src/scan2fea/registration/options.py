@@ -23,9 +23,10 @@ class RegistrationOptions:
     poses: str = option("", "File with the pose of each input (bun.conf, graph.txt, TUM, KITTI, 4 x 4 matrices, .npy); empty: as they lie")
     calibration: str = option("", "calib.txt of KITTI, which takes the scans to the camera that `poses` are of; empty: `poses` are of the scans")
     sweeps: str = option(
-        "as_they_lie",
-        "Of a capture of many turns. as_they_lie: one cloud in the frame of the scanner, right where it stood; odometry: its motion is searched, and "
-        "used where forwards and backwards agree. A TUM file of `poses` with the capture's times is used in any case",
-        choices=("as_they_lie", "odometry"),
+        "auto",
+        "Of a capture of many turns. auto: odometry where more than 4 % of its beams end elsewhere in the end, else as_they_lie. as_they_lie: "
+        "one cloud in the frame of the scanner, right where it stood; odometry: its motion is searched, and used where forwards and backwards "
+        "agree. A TUM file of `poses` with the capture's times is used in any case",
+        choices=("auto", "as_they_lie", "odometry"),
     )
     seed: int = option(0, "Seed of the triples of matches that are drawn", minimum=0)

@@ -5,7 +5,7 @@ import numpy as np
 from occluded import rings
 from scan2fea.kernel.trajectories import between
 from scan2fea.kernel.transforms import rigid, rotation_about
-from scan2fea.registration.odometry import Sweeps
+from scan2fea.registration.sweeps import Sweeps
 
 PERIOD = 0.1
 LOW, HIGH = np.array([-6.0, -5.0, -1.6]), np.array([7.0, 5.0, 2.4])

@@ -5,7 +5,7 @@ import pytest
 
 from scan2fea.kernel.transforms import inverse, rigid, rotation_about
 from scan2fea.registration.agreement import CONTRADICTED, Agreement, Fans, agreement
-from scan2fea.registration.odometry import Sweeps
+from scan2fea.registration.sweeps import Sweeps
 from scan2fea.simulation.lab17 import lab17
 from scan2fea.simulation.motion import as_measured, path_of, trajectory_at
 from scan2fea.simulation.sensors import SENSORS

@@ -9,7 +9,8 @@ from scan2fea.registration.agreement import Agreement
 from scan2fea.registration.joint import joint
 from scan2fea.registration.map_patches import FLATTEST, map_surfaces
 from scan2fea.registration.motion import moved, stepped
-from scan2fea.registration.odometry import VISIBLE, Odometry, _changed, _each, _mean, _reversed, _strided, _turned, has_changed, odometry
+from scan2fea.registration.odometry import Odometry, _each, _mean, _reversed, _strided, _turned, odometry
+from scan2fea.registration.sweeps import VISIBLE, changed, has_changed
 from swept import PERIOD, even, swept
 
 
@@ -98,8 +99,8 @@ def test_what_lies_on_no_plane_becomes_patches():
 
 def test_beams_tell_whether_anything_changed():
     still, gone = swept(even(3, [0, 0, 0], 0), 0.01), swept(even(3, [0.4, 0, 0], 0), 0.01)
-    assert _changed(still, 0, 2, 0.01) < 0.02
-    assert _changed(gone, 0, 2, 0.01) > 0.3
+    assert changed(still, 0, 2, 0.01) < 0.02
+    assert changed(gone, 0, 2, 0.01) > 0.3
 
 
 def test_reversal_strides_and_means():

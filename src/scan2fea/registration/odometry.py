@@ -26,46 +26,22 @@ from scan2fea.registration.borders import Ends, surface_ends
 from scan2fea.registration.icp import orthonormal, robust_scale, tukey
 from scan2fea.registration.joint import joint
 from scan2fea.registration.motion import deskewed
+from scan2fea.registration.sweeps import POINTS, SIGMAS, VISIBLE, Sweeps, change, edge_of, least_sigma, strides_of
 from scan2fea.types import FloatArray, IntArray, Value
 
 ACCELERATION, TURNING = 3.0, 4.0  # m/s2 and rad/s2: standard deviations of what carriers on wheels, sledges and in hands do
-POINTS = 3_000  # of a sweep that are matched
-SIGMAS = 3.0
 STANDS = 3.0
 AGREE = 0.1
-VISIBLE = 0.04  # of the beams must have changed from one step to the next, or the motion is not seen; by less of them a scanner stands
 LOST = 0.5  # of a sweep contradicted by another: the search has lost its way, and no adjustment of all poses brings it back
 OPEN_EDGES = 1.0  # a slide that the surfaces hold no better than this is open
 MAP_SWEEPS = 30
 REACH_EDGES = 5.0
 NORMAL_NEIGHBOURS = 20
 DEPENDENT = 5.0  # points of a sweep go together in their errors: so many count as one
-LEAST_STEPS = 6
-_STRIDES = (1, 2, 3, 4, 6, 8, 12, 16)
-_LONGEST_STEP_S = 0.5
-_LEAST_SIGMA_EDGES = 0.01
 _HELD = 0.5  # of a carrier's freedom: a sweep that is added is held no tighter than this, however evenly the sensor moved before
 _ITERATIONS, _FIRST_ROUNDS = 30, 4
 _EVERY, _WIDER = 5, (1.5, 1.2, 1.0)  # sweeps after which the last are adjusted together; how much wider planes may grow in each round of it
 _SETTLING, _ROUNDS = 1, 4  # of all sweeps: the planes are grown anew in each, and the poses of the last rounds are averaged
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Sweeps(Value):
-    """Points of k sweeps. points : (n, 3) each in the frame of the sensor at its moment.   sweep : (n,) rising from 0.   share : (n,) of the sweep's
-    time that had passed.   period_s : of a sweep.   gap_rad : between neighbouring beams of the fan, 0 where not known.   ring : (n,) beam of each
-    point where that is known and the scanner turns about its z axis.
-    """
-
-    points: FloatArray
-    sweep: IntArray
-    share: FloatArray
-    period_s: float
-    gap_rad: float = 0.0
-    ring: IntArray | None = None
-
-    def __len__(self) -> int:
-        return int(self.sweep[-1]) + 1
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -129,8 +105,8 @@ def odometry(sweeps: Sweeps, sigma_m: float) -> Odometry:
     """
     few = _thinned(sweeps, sigma_m)
     fans = Fans(sweeps.points, sweeps.sweep, sweeps.share, sigma_m, sweeps.gap_rad)
-    sigma = max(sigma_m, _LEAST_SIGMA_EDGES * few.edge_m)
-    changed = _change(sweeps, sigma)
+    sigma = least_sigma(sigma_m, few.edge_m)
+    changed = change(sweeps, sigma)
     back = _reversed(few.sweeps)
     stride, starts = _begun(sweeps, few.sweeps, back, few.edge_m, sigma, fans)
     ends = None if sweeps.ring is None else surface_ends(sweeps.points, sweeps.ring, sweeps.sweep, sweeps.share, sigma)
@@ -169,7 +145,7 @@ def _begun(sweeps: Sweeps, few: Sweeps, back: Sweeps, edge: float, sigma_m: floa
     A way under which a sweep contradicts most of another is lost. Where no two are one way, those that differ least, or are lost least.
     """
     best: tuple[tuple[float, float], int, tuple[FloatArray, FloatArray]] | None = None
-    for stride in _strides(sweeps, sigma_m):
+    for stride in strides_of(sweeps, sigma_m):
         there, again = (_each(_in_turn(_strided(each, stride), edge, sigma_m), stride, len(each)) for each in (few, back))
         off = float(_apart(there, _turned(again))[:, 1].max())
         way = max(float(np.linalg.norm(T[:, :3, 3], axis=1).max()) for T in (there, again))
@@ -196,47 +172,6 @@ def _mean(rounds: FloatArray) -> FloatArray:
     """(k, 4, 4) mean poses of (r, k, 4, 4)."""
     R = [Rotation.from_matrix(rounds[:, k, :3, :3]).mean().as_matrix() for k in range(rounds.shape[1])]
     return np.array([rigid(turn, shift) for turn, shift in zip(R, rounds[:, :, :3, 3].mean(axis=0), strict=True)])
-
-
-# ------------------------------------------------------------------ is there a motion to be seen
-
-
-def has_changed(sweeps: Sweeps, sigma_m: float) -> bool:
-    """True where so many beams end elsewhere in the end that the sensor, or much of what it saw, has moved. sigma_m : noise of a range."""
-    return len(sweeps) >= LEAST_STEPS and _change(sweeps, max(sigma_m, _LEAST_SIGMA_EDGES * _thinned(sweeps, sigma_m).edge_m)) > VISIBLE
-
-
-def _change(sweeps: Sweeps, sigma_m: float) -> float:
-    """Share of the beams that change from the first sweep to the last, beyond what changes from one to the next."""
-    return _step_change(sweeps, max(len(sweeps) - 3, 1), sigma_m) - _step_change(sweeps, 1, sigma_m)
-
-
-def _strides(sweeps: Sweeps, sigma_m: float) -> list[int]:
-    """Sweeps from one step of the search to the next: the least over which the motion is seen, and more, within half a second."""
-    most = max(1, min(len(sweeps) // LEAST_STEPS, round(_LONGEST_STEP_S / sweeps.period_s)))
-    strides = [m for m in _STRIDES if m <= most]
-    return [m for m in strides if _step_change(sweeps, m, sigma_m) > VISIBLE] or strides[-1:]
-
-
-def _step_change(sweeps: Sweeps, step: int, sigma_m: float) -> float:
-    """Median share of beams that change over a step, of a few steps along the way."""
-    last = len(sweeps) - 1 - step
-    begin = np.unique(np.linspace(min(1, last), max(last - 1, 0), 5).astype(int)).tolist() if last >= 0 else []
-    return float(np.median([_changed(sweeps, a, a + step, sigma_m) for a in begin])) if begin else 0.0
-
-
-def _changed(sweeps: Sweeps, a: int, b: int, sigma_m: float) -> float:
-    """Share of the returns of sweep b for which sweep a has none in the same direction, or one whose range differs by three deviations of chance."""
-    bounds = np.searchsorted(sweeps.sweep, [a, a + 1, b, b + 1])
-    one, two = sweeps.points[bounds[0] : bounds[1]], sweeps.points[bounds[2] : bounds[3]]
-    if len(one) < 2 or len(two) < 1:
-        return 0.0
-    far, near = np.linalg.norm(one, axis=1), np.linalg.norm(two, axis=1)
-    tree = cKDTree(one / far[:, None])
-    beside = float(np.median(np.asarray(tree.query(one / far[:, None], k=[2], workers=1)[0])))
-    angle, row = tree.query(two / near[:, None], k=1, workers=1)
-    differs = np.abs(near - far[np.asarray(row)]) > SIGMAS * math.sqrt(2.0) * sigma_m
-    return float((differs | (np.asarray(angle) > beside)).mean())
 
 
 def _strided(sweeps: Sweeps, m: int) -> Sweeps:
@@ -297,12 +232,8 @@ class _Few(Value):
 
 def _thinned(sweeps: Sweeps, sigma_m: float) -> _Few:
     """One measured point per voxel of each sweep, of an edge that leaves about POINTS of the largest and spans three sigma."""
-    bounds = np.searchsorted(sweeps.sweep, np.arange(len(sweeps) + 1))
-    largest = int(np.argmax(np.diff(bounds)))
-    own = sweeps.points[bounds[largest] : bounds[largest + 1]]
-    edge = max(SIGMAS * sigma_m, 1e-4 * float(np.ptp(own, axis=0).max()))
-    while (n := voxel_mean(own, edge).n_cells) > 1.1 * POINTS:
-        edge *= max(1.05, math.sqrt(n / POINTS))
+    bounds, own = sweeps.bounds(), sweeps.largest()
+    edge = edge_of(sweeps, sigma_m)
     dense = voxel_mean(own, SIGMAS * sigma_m).n_cells if sigma_m > 0 else len(own)
     kept: list[IntArray] = []
     for a, b in pairwise(bounds.tolist()):

@@ -60,7 +60,7 @@ def test_moments_of_a_moving_scanner_have_the_doubt_of_their_poses():
     points = np.array([[1.0, 0, 0], [0, 1.0, 0]])
     rays = Rays(origin=np.zeros((2, 3)), direction=points, range_m=np.ones(2), time_s=np.array([3600.0, 3602.0]))
     path = SweepPath(
-        frame=0, time_s=np.array([0.0, 1.0, 2.0]), T_frame_knot=np.tile(np.eye(4), (3, 1, 1)), std_m=np.array([0, 0.01, 0.02]), std_rad=np.zeros(3)
+        frame=0, time_s=np.array([0.0, 1.0, 2.0]), T_frame_scanner=np.tile(np.eye(4), (3, 1, 1)), std_m=np.array([0, 0.01, 0.02]), std_rad=np.zeros(3)
     )
     scene = scene_of(points, [0, 0], [0.0], [0.0], rays=rays, paths=(path,))
     scene = replace(scene, scan=Scan(cloud=scene.scan.cloud.replaced(ray=np.arange(2)), rays=rays))

@@ -17,7 +17,8 @@ from scan2fea.simulation.scene_names import lab_file
 from scan2fea.types import Rays
 
 FOUND = {
-    "T_world_knot": np.tile(np.eye(4), (3, 1, 1)), "std_m": np.full(3, 0.01), "std_rad": np.full(3, 0.01), "disagreement_m": 0.5, "changed": 0.0,
+    "T_world_knot": np.tile(np.eye(4), (3, 1, 1)), "T_world_sweep": np.tile(np.eye(4), (2, 1, 1)), "middle": np.full(2, 0.5),
+    "std_m": np.full(2, 0.01), "std_rad": np.full(2, 0.01), "disagreement_m": 0.5, "changed": 0.0,
     "slide_m": 0.01, "slide": np.array([1.0, 0, 0]), "open_m": 0.1, "stride": 1, "used": 1.0,
 }  # fmt: skip
 

@@ -11,6 +11,7 @@ from scan2fea.registration.map_patches import FLATTEST, map_surfaces
 from scan2fea.registration.motion import moved, stepped
 from scan2fea.registration.odometry import Odometry, _each, _mean, _reversed, _strided, _turned, odometry
 from scan2fea.registration.sweeps import VISIBLE, changed, has_changed
+from scan2fea.registration.told import poses_at
 from swept import PERIOD, even, swept
 
 
@@ -23,7 +24,7 @@ def errors(T, truth):
 def test_a_way_is_found_within_the_noise_and_its_deviation_is_told():
     truth = even(8, [0.15, 0.02, 0.0], 1.0)
     found = odometry(swept(truth, 0.01), 0.01)
-    off_m, off_deg = errors(found.T_world_knot, truth)
+    off_m, off_deg = errors(found.T_world_sweep, poses_at(truth, found.middle))
     assert off_m.max() < 0.005 and off_deg.max() < 0.1
     assert (off_m <= 4 * found.std_m + 1e-12).all()
     assert found.is_sure and not found.stands and not found.is_open
@@ -122,7 +123,8 @@ def test_reversal_strides_and_means():
 
 
 def test_no_motion_is_not_believed_where_the_ranges_changed():
-    still = {"T_world_knot": np.tile(np.eye(4), (3, 1, 1)), "std_m": np.full(3, 0.001), "std_rad": np.full(3, 0.001), "disagreement_m": 0.0}
+    still = {"T_world_knot": np.tile(np.eye(4), (3, 1, 1)), "T_world_sweep": np.tile(np.eye(4), (2, 1, 1)), "middle": np.full(2, 0.5)}
+    still |= {"std_m": np.full(2, 0.001), "std_rad": np.full(2, 0.001), "disagreement_m": 0.0}
     agreed = Agreement(contradicted=0.0, limit=0.05, pair=(0, 1))
     rest = {"slide_m": 0.001, "slide": np.array([1.0, 0, 0]), "open_m": 0.1, "stride": 1, "used": 1.0, "agreement": agreed}
     stuck = Odometry(changed=0.5, **still, **rest)

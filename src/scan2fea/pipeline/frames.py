@@ -23,11 +23,11 @@ def registration_row(inputs: Sequence[Mapping[str, Any]], scene: Scene, mode: st
 
 
 def sweep_row(path: SweepPath, names: Sequence[str]) -> dict[str, Any]:
-    """How the scanner of one input moved: a pose at the start of each sweep and at the end of the last."""
+    """How the scanner of one input moved: the poses that were given, or one per sweep in the middle of its returns."""
     return {
         "path": names[path.frame],
         "time_s": path.time_s.tolist(),
-        "T_world_scanner": path.T_frame_knot.tolist(),
+        "T_world_scanner": path.T_frame_scanner.tolist(),
         "std_m": [_number(x) for x in path.std_m],
         "std_rad": [_number(x) for x in path.std_rad],
     }
@@ -37,7 +37,7 @@ def trajectory_of_all(inputs: Sequence[Mapping[str, Any]], scene: Scene) -> Traj
     """One pose per input, in their order: nan for those that could not be read too; of a single capture of a moving scanner one per sweep."""
     if len(inputs) == 1 and len(scene.paths) == 1:
         path = scene.paths[0]
-        return Trajectory(T_world_frame=path.T_frame_knot, placed=np.ones(len(path.time_s), bool), time_s=path.time_s)
+        return Trajectory(T_world_frame=path.T_frame_scanner, placed=np.ones(len(path.time_s), bool), time_s=path.time_s)
     used = np.array([bool(row["used"]) for row in inputs], bool)
     T, placed = np.full((len(used), 4, 4), np.nan), np.zeros(len(used), bool)
     T[used], placed[used] = scene.trajectory.T_world_frame, scene.trajectory.placed

@@ -103,7 +103,9 @@ def place_all(raws: tuple[RawScan, ...], options: RegistrationOptions, *, names:
         notes=notes,
         names=tuple(names),
         smeared=smeared,
-        paths=tuple(replace(path, T_frame_knot=_poses_in(path, placed.trajectory, shift)) for path in paths if placed.trajectory.placed[path.frame]),
+        paths=tuple(
+            replace(path, T_frame_scanner=_poses_in(path, placed.trajectory, shift)) for path in paths if placed.trajectory.placed[path.frame]
+        ),
     )
 
 
@@ -125,7 +127,7 @@ def _unrolled(
 
 
 def _poses_in(path: SweepPath, trajectory: Trajectory, shift: FloatArray) -> FloatArray:
-    T = trajectory.T_world_frame[path.frame] @ path.T_frame_knot
+    T = trajectory.T_world_frame[path.frame] @ path.T_frame_scanner
     T[:, :3, 3] -= shift
     return np.asarray(T)
 

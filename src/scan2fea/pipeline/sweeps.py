@@ -20,13 +20,14 @@ _PARTS, _FEW = 64, 0.02  # of a turn; a part with so few returns of the fullest 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SweepPath(Value):
-    """How the scanner of one input moved. frame : number of the input.   time_s : (k,).   T_frame_knot : (k, 4, 4) to the input's frame.
-    std_m, std_rad : (k,) relative to the first (told by other sensors: to the world), nan where a file gave the poses.
+    """How the scanner of one input moved. frame : number of the input.   time_s : (k,).   T_frame_scanner : (k, 4, 4) to the input's frame; those
+    given, or one per sweep in the middle of its returns.   std_m, std_rad : (k,) relative to the first (told by other sensors: to the world), nan
+    where a file gave the poses.
     """
 
     frame: int
     time_s: FloatArray
-    T_frame_knot: FloatArray
+    T_frame_scanner: FloatArray
     std_m: FloatArray
     std_rad: FloatArray
 
@@ -50,9 +51,10 @@ def unrolled(raw: RawScan, frame: int, options: RegistrationOptions, given: Traj
         time = time + HOUR_S * round((float(given.time_s[0]) - float(time.min())) / HOUR_S)
         first, share = at_times(given, time)
         std_m, std_rad = _std(given)
-        path = SweepPath(frame=frame, time_s=given.time_s, T_frame_knot=given.T_world_frame, std_m=std_m, std_rad=std_rad)
+        path = SweepPath(frame=frame, time_s=given.time_s, T_frame_scanner=given.T_world_frame, std_m=std_m, std_rad=std_rad)
         told = "registration.poses" if given.covariance is None else "the inertial unit and the logs beside it"
-        return replace(_moved(raw, path, first, share, f"its motion was taken out by the trajectory of {told}"), pose_given=True), path, ""
+        says = f"its motion was taken out by the trajectory of {told}"
+        return replace(_moved(raw, given.time_s, given.T_world_frame, first, share, says), pose_given=True), path, ""
     period = period_of(time, raw.sweep)
     return _by_odometry(raw, rays, frame, time, period, options.sweeps == "odometry") if period > 0 else (raw, None, "")
 
@@ -85,12 +87,13 @@ def _by_odometry(raw: RawScan, rays: Rays, frame: int, time: FloatArray, period:
         smeared = f"{why}, and it moved ({found.changed:.0%} of its beams end elsewhere): give it with --poses{_STOOD}" if moved_too else ""
         return replace(raw, notes=(*raw.notes, f"{why}: it stays as it lies; give its motion with --poses")), None, smeared
     if found.stands:
-        reach = float(np.linalg.norm(found.T_world_knot[:, :3, 3], axis=1).max())
+        reach = float(np.linalg.norm(found.T_world_sweep[:, :3, 3], axis=1).max())
         says = f"its scanner stood still: {len(sweeps)} sweeps were taken for one (they move by at most {reach:.2g} m, which is no more than chance)"
         return replace(raw, notes=(*_without_turns(raw), says)), None, ""
     knots = np.asarray(begun + period * np.arange(len(found.T_world_knot)), np.float64)
-    path = SweepPath(frame=frame, time_s=knots, T_frame_knot=found.T_world_knot, std_m=found.std_m, std_rad=found.std_rad)
-    far = float(np.linalg.norm(found.T_world_knot[-1, :3, 3]))
+    told = np.asarray(knots[:-1] + period * found.middle)
+    path = SweepPath(frame=frame, time_s=told, T_frame_scanner=found.T_world_sweep, std_m=found.std_m, std_rad=found.std_rad)
+    far = float(np.linalg.norm(found.T_world_sweep[-1, :3, 3]))
     says = (
         f"{len(sweeps)} sweeps of a moving scanner were put together: it went {far:.3g} m; its last place has a standard deviation of "
         f"{float(found.std_m[-1]):.2g} m and {np.degrees(float(found.std_rad[-1])):.2g} degrees against its first; "
@@ -98,7 +101,7 @@ def _by_odometry(raw: RawScan, rays: Rays, frame: int, time: FloatArray, period:
     )
     at = (time - begun) / period
     first = np.floor(at).astype(np.int64)
-    return _moved(raw, path, first, at - first, says), path, ""
+    return _moved(raw, knots, found.T_world_knot, first, at - first, says), path, ""
 
 
 def _why_not(found: Odometry) -> str:
@@ -119,33 +122,33 @@ def _why_not(found: Odometry) -> str:
     return f"its motion could not be found: forwards and backwards in time differ by {found.disagreement_m:.2g} m"
 
 
-def _moved(raw: RawScan, path: SweepPath, first: IntArray, share: FloatArray, says: str) -> RawScan:
-    """Every point and its ray where the scanner was at their moment; those without return too, where the file told their moment."""
+def _moved(raw: RawScan, knots: FloatArray, T_frame_knot: FloatArray, first: IntArray, share: FloatArray, says: str) -> RawScan:
+    """Every point and its ray where the scanner was at their moment; those without return too, where the file told their moment. knots : (k,) s"""
     cloud, rays = raw.scan.cloud, raw.scan.rays
     if rays is None:
         return raw
-    points = moved(cloud.points, path.T_frame_knot, first, share)
-    lost, its_first, its_share = _without_return(rays, cloud.ray, path)
+    points = moved(cloud.points, T_frame_knot, first, share)
+    lost, its_first, its_share = _without_return(rays, cloud.ray, knots)
     rows, first, share = np.concatenate([cloud.ray, lost]), np.concatenate([first, its_first]), np.concatenate([share, its_share])
-    R, _ = between(path.T_frame_knot, first, share)
+    R, _ = between(T_frame_knot, first, share)
     scan = Scan(
         cloud=cloud.replaced(points=points, ray=np.arange(len(cloud), dtype=np.int64), normals=None),
         rays=Rays(
-            origin=moved(rays.origin[rows], path.T_frame_knot, first, share),
+            origin=moved(rays.origin[rows], T_frame_knot, first, share),
             direction=np.einsum("nij,nj->ni", R, rays.direction[rows]),
             range_m=rays.range_m[rows],
             time_s=None if rays.time_s is None else rays.time_s[rows],
             ring=None if rays.ring is None else rays.ring[rows],
         ),
     )
-    return replace(raw, scan=scan, notes=(*_without_turns(raw), says), pose_given=bool(np.isnan(path.std_m).all()))
+    return replace(raw, scan=scan, notes=(*_without_turns(raw), says))
 
 
-def _without_return(rays: Rays, used: IntArray, path: SweepPath) -> tuple[IntArray, IntArray, FloatArray]:
-    """Rows of the rays that met nothing at a moment that the path knows, the knot before each and the share of the way to the next."""
+def _without_return(rays: Rays, used: IntArray, knots: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
+    """Rows of the rays that met nothing within the time of the knots, the knot before each and the share of the way to the next."""
     is_used = np.zeros(len(rays), bool)
     is_used[used] = True
-    knots, time = path.time_s, np.full(len(rays), np.nan) if rays.time_s is None else rays.time_s
+    time = np.full(len(rays), np.nan) if rays.time_s is None else rays.time_s
     time = time + HOUR_S * np.round((0.5 * (knots[0] + knots[-1]) - time) / HOUR_S)
     rows = np.flatnonzero(~is_used & np.isnan(rays.range_m) & (time >= knots[0]) & (time <= knots[-1]))
     first = np.clip(np.searchsorted(knots, time[rows], side="right") - 1, 0, len(knots) - 2).astype(np.int64)

@@ -28,13 +28,13 @@ _RIDGE = 1e-9
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class JointResult(Value):
-    """T_world_knot : (k, 4, 4).   std : (k, 2) of rotation (rad) and place (m) against the first knot.   used : share of points on surfaces.
+    """T_world_knot : (k, 4, 4).   covariance : (6 k - 6, 6 k - 6) of turn (rad) and place (m) of all knots but the first.   used : of the points.
     freedom : standard deviation of the change of a step (rad, m).   slide_m, slide : standard deviation of the last place along the direction (3,)
     in which the surfaces alone, without an even motion, hold a drift least.
     """
 
     T_world_knot: FloatArray
-    std: FloatArray
+    covariance: FloatArray
     used: float
     freedom: tuple[float, float]
     slide_m: float
@@ -72,12 +72,9 @@ def joint(
         more = _of_surfaces(edges.own, edges.across, edges.terms, weight, edges.label, edges.n, edges.first, edges.share, k)
         H, g = H + more[0], g + more[1]
     step, covariance, learned = _learned(H, g, T_world_knot, freedom, freedom if most is None else most)
-    variance = np.concatenate([np.zeros(6), np.diag(covariance)]).reshape(-1, 6)
-    std = np.sqrt(np.stack([variance[:, :3].sum(axis=1), variance[:, 3:].sum(axis=1)], axis=1))
     slide_m, slide = _slide(H, k)
-    return JointResult(
-        T_world_knot=stepped(T_world_knot, step), std=std, used=len(on) / max(len(points), 1), freedom=learned, slide_m=slide_m, slide=slide
-    )
+    used, T = len(on) / max(len(points), 1), stepped(T_world_knot, step)
+    return JointResult(T_world_knot=T, covariance=covariance, used=used, freedom=learned, slide_m=slide_m, slide=slide)
 
 
 def _of_surfaces(

@@ -27,6 +27,7 @@ from scan2fea.registration.icp import orthonormal, robust_scale, tukey
 from scan2fea.registration.joint import joint
 from scan2fea.registration.motion import deskewed
 from scan2fea.registration.sweeps import POINTS, SIGMAS, VISIBLE, Sweeps, change, edge_of, least_sigma, strides_of
+from scan2fea.registration.told import deviations, from_first, middles, poses_at
 from scan2fea.types import FloatArray, IntArray, Value
 
 ACCELERATION, TURNING = 3.0, 4.0  # m/s2 and rad/s2: standard deviations of what carriers on wheels, sledges and in hands do
@@ -46,15 +47,18 @@ _SETTLING, _ROUNDS = 1, 4  # of all sweeps: the planes are grown anew in each, a
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Odometry(Value):
-    """T_world_knot : (k + 1, 4, 4) the sensor at the start of each sweep and at the end of the last; the world is its frame at the first.
-    std_m, std_rad : (k + 1,) relative to the first.   disagreement_m : of the ways found forwards and backwards in time, at the pose where it is
-    largest.   changed : share of the beams whose range is not that of the first sweep in the last one, beyond noise and beyond what changes from one
-    sweep to the next.   slide_m, slide : how well the surfaces alone hold a drift, and the direction (3,) in which they do so least; `open_m` is
-    what they must hold.   stride : sweeps from one step of the search to the next.   used : share of points on surfaces.   agreement : of distant
-    sweeps with each other under these poses.
+    """T_world_knot : (k + 1, 4, 4) the sensor at the start of each sweep and at the end of the last, between which its returns are placed.
+    T_world_sweep, middle : (k, 4, 4) and (k,) where it was in the middle of the returns of each sweep, and at which share of the sweep's time that
+    was; the world is its frame at the first.   std_m, std_rad : (k,) of these, relative to the first.   disagreement_m : of the ways found forwards
+    and backwards in time, at the pose where it is largest.   changed : share of the beams whose range is not that of the first sweep in the last one,
+    beyond noise and beyond what changes from one sweep to the next.   slide_m, slide : how well the surfaces alone hold a drift, and the direction
+    (3,) in which they do so least; `open_m` is what they must hold.   stride : sweeps from one step of the search to the next.   used : share of
+    points on surfaces.   agreement : of distant sweeps with each other under these poses.
     """
 
     T_world_knot: FloatArray
+    T_world_sweep: FloatArray
+    middle: FloatArray
     std_m: FloatArray
     std_rad: FloatArray
     disagreement_m: float
@@ -76,7 +80,7 @@ class Odometry(Value):
         """True where both ways are one (they differ by no more than a tenth of the way, or by what chance makes of it), no direction is open and
         distant sweeps agree.
         """
-        way = float(np.linalg.norm(np.diff(self.T_world_knot[:, :3, 3], axis=0), axis=1).sum())
+        way = float(np.linalg.norm(np.diff(self.T_world_sweep[:, :3, 3], axis=0), axis=1).sum())
         chance = math.sqrt(max(float(np.nanmax(self.std_m)) ** 2 - 0.5 * self.disagreement_m**2, 0.0))
         one_way = self.disagreement_m <= max(AGREE * way, STANDS * chance)
         return one_way and self.agreement.holds and not self.is_open and not self.is_stuck
@@ -93,8 +97,8 @@ class Odometry(Value):
 
     @property
     def _seems_still(self) -> bool:
-        shift = np.linalg.norm(self.T_world_knot[:, :3, 3], axis=1)
-        turn = np.linalg.norm(Rotation.from_matrix(self.T_world_knot[:, :3, :3]).as_rotvec(), axis=1)
+        shift = np.linalg.norm(self.T_world_sweep[:, :3, 3], axis=1)
+        turn = np.linalg.norm(Rotation.from_matrix(self.T_world_sweep[:, :3, :3]).as_rotvec(), axis=1)
         return bool((shift[1:] <= STANDS * self.std_m[1:]).all() and (turn[1:] <= STANDS * self.std_rad[1:]).all())
 
 
@@ -112,14 +116,18 @@ def odometry(sweeps: Sweeps, sigma_m: float) -> Odometry:
     ends = None if sweeps.ring is None else surface_ends(sweeps.points, sweeps.ring, sweeps.sweep, sweeps.share, sigma)
     there = _adjusted(few.sweeps, starts[0], few.edge_m, sigma, ends)
     again = _adjusted(back, starts[1], few.edge_m, sigma, None if ends is None else ends.reversed(len(sweeps)))
-    off = _apart(there.T_world_knot, _turned(again.T_world_knot))
-    rounds = np.concatenate([there.rounds, [_turned(T) for T in again.rounds]])
+    middle = middles(sweeps.sweep, sweeps.share)
+    ways = [np.array([from_first(T, middle) for T in rounds]) for rounds in (there.rounds, [_turned(T) for T in again.rounds])]
+    means = [poses_at(_mean(rounds), middle) for rounds in ways]
+    off = _apart(*means)
     # of one way: the two begin at other sweeps, and what they differ by is told apart
-    scatter = np.sqrt(np.mean([_apart(there.T_world_knot, each) ** 2 for each in there.rounds], axis=0))
-    std = np.sqrt(there.std**2 + scatter**2 + 0.5 * off**2)
-    T = _mean(rounds)
+    scatter = np.sqrt(np.mean([_apart(means[0], poses_at(T, middle)) ** 2 for T in ways[0]], axis=0))
+    std = np.sqrt(deviations(there.T_world_knot, there.covariance, middle) ** 2 + scatter**2 + 0.5 * off**2)
+    T = from_first(_mean(np.concatenate(ways)), middle)
     return Odometry(
         T_world_knot=T,
+        T_world_sweep=poses_at(T, middle),
+        middle=middle,
         std_m=std[:, 1],
         std_rad=std[:, 0],
         disagreement_m=float(off[:, 1].max()),
@@ -197,11 +205,11 @@ def _reversed(sweeps: Sweeps) -> Sweeps:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Way(Value):
-    """T_world_knot : mean of `rounds` (r, k + 1, 4, 4).   std : (k + 1, 2) rad and m."""
+    """T_world_knot : the last of `rounds` (r, k + 1, 4, 4).   covariance : of its knots but the first."""
 
     T_world_knot: FloatArray
     rounds: FloatArray
-    std: FloatArray
+    covariance: FloatArray
     slide_m: float
     slide: FloatArray
     used: float
@@ -216,7 +224,7 @@ def _adjusted(sweeps: Sweeps, T: FloatArray, edge: float, sigma_m: float, ends: 
         T, freedom = found.T_world_knot, found.freedom
         rounds.append(T)
     kept = np.array(rounds[_SETTLING:])
-    return _Way(T_world_knot=_mean(kept), rounds=kept, std=found.std, slide_m=found.slide_m, slide=found.slide, used=found.used)
+    return _Way(T_world_knot=T, rounds=kept, covariance=found.covariance, slide_m=found.slide_m, slide=found.slide, used=found.used)
 
 
 def _freedom(period_s: float) -> tuple[float, float]:

@@ -76,7 +76,7 @@ def _way(bench: Bench, every: int) -> Way:
     off, stated, joined, true = (np.full((1, 4, 4), np.nan), math.nan, *(np.full_like(points, np.nan) for _ in range(2)))
     if found is not None:
         off, true = _compared(raw.scan, found, path_of(options, HDL))
-        stated, joined = float(np.nanmax(found.std_m)), applied(inverse(found.T_frame_knot[1]), np.asarray(made.scan.cloud.points))
+        stated, joined = float(np.nanmax(found.std_m)), applied(inverse(found.T_frame_scanner[0]), np.asarray(made.scan.cloud.points))
     return Way(
         n_sweeps=len(scans), n_points=len(points), found=found is not None, says=why or made.notes[-1], stated_m=stated,
         place_m=float(np.linalg.norm(off[:, :3, 3], axis=1).max()), turn_deg=float(turned_deg(off).max()),
@@ -92,14 +92,14 @@ def turned_deg(T: FloatArray) -> FloatArray:
 
 
 def _compared(scan: Scan, found: SweepPath, path: SensorPath) -> tuple[FloatArray, FloatArray]:
-    """(k, 4, 4) what each pose found is off by, and (n, 3) where the points truly are; both relative to the second pose."""
+    """(k, 4, 4) what each pose found is off by, and (n, 3) where the points truly are; both relative to the first pose."""
     if scan.rays is None or scan.rays.time_s is None:
         raise InputError("the simulated capture holds no times")
     here = trajectory_at(path, unwrapped(scan.rays.time_s[scan.cloud.ray])).T_world_frame
-    knots, own = trajectory_at(path, found.time_s).T_world_frame, found.T_frame_knot
-    off = np.linalg.inv(inverse(knots[1]) @ knots[1:-1]) @ inverse(own[1]) @ own[1:-1]
+    truly, own = trajectory_at(path, found.time_s).T_world_frame, found.T_frame_scanner
+    off = np.linalg.inv(inverse(truly[0]) @ truly) @ inverse(own[0]) @ own
     true = np.einsum("nij,nj->ni", here[:, :3, :3], scan.cloud.points) + here[:, :3, 3]
-    return off, applied(inverse(knots[1]), true)
+    return off, applied(inverse(truly[0]), true)
 
 
 def without_poses(bench: Bench) -> Made:

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from scan2fea.kernel.near_tree import near_tree
 from scan2fea.kernel.neighbors import radius_components
 from scan2fea.kernel.spanning_tree import spanning_tree
 from scan2fea.segmentation.euclidean import absorbed
@@ -89,7 +90,8 @@ def of_radius(name: str, points: np.ndarray, radius: float, program: Path | None
     """Parts nearer than the radius, of at least so many points; the peer reads its points from a file, its seconds begin after that."""
 
     def ours() -> np.ndarray:
-        return absorbed(points, radius_components(points, radius), radius, LEAST)
+        tree = near_tree(points)
+        return absorbed(points, radius_components(points, radius, tree), radius, LEAST, tree)
 
     ours()
     own, labels = cpu(ours)

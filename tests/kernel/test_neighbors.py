@@ -5,6 +5,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from scan2fea.errors import InternalError
+from scan2fea.kernel.near_tree import near_tree, nearest_marked
 from scan2fea.kernel.neighbors import k_nearest, radius_components
 from scan2fea.kernel.transforms import random_rotation
 
@@ -105,3 +106,28 @@ def test_components_of_sheets_lines_and_crowds():
     points = np.concatenate([points, points[:50]])
     for radius in (1e-9, 3e-3, 0.02, 0.05, 0.2, 50.0):
         assert_same_partition(radius_components(points, radius), brute_force(points, radius) if radius < 50 else np.zeros(6050, int))
+
+
+@pytest.mark.parametrize("k", [1, 2, 27, 79, 80, 81, 200, 512])
+def test_ties_come_by_row_whether_few_or_many_are_asked_for(k):
+    """On a grid most distances are shared by many points; few neighbours are kept in a list, many in a heap."""
+    grid = np.stack(np.meshgrid(*[np.arange(8.0)] * 3), -1).reshape(-1, 3)[np.random.default_rng(5).permutation(512)]
+    queries = grid[::37] + 0.25 * (np.arange(14) % 2)[:, None]
+    squared = ((queries[:, None] - grid[None]) ** 2).sum(axis=2)
+    ranked = np.argsort(squared, axis=1, kind="stable")[:, :k]
+    for tree in (None, near_tree(grid)):
+        distance, index = k_nearest(grid, k, queries, tree)
+        np.testing.assert_array_equal(index, ranked)
+        np.testing.assert_array_equal(distance, np.sqrt(np.take_along_axis(squared, ranked, 1)))
+
+
+def test_nearest_marked_equals_brute_force():
+    rng = np.random.default_rng(6)
+    points = rng.integers(0, 12, (400, 3)).astype(float)
+    queries, marked = rng.integers(0, 12, (60, 3)).astype(float), rng.random(400) < 0.05
+    true = np.where(marked, np.linalg.norm(queries[:, None] - points[None], axis=2), np.inf)
+    for reach in (0.5, 2.0, 3.0, 50.0):  # distances of whole numbers: some lie on the limit, and what does is not nearer
+        distance, row = nearest_marked(near_tree(points), queries, marked, reach)
+        is_near = true.min(axis=1) < reach
+        np.testing.assert_array_equal(row, np.where(is_near, true.argmin(axis=1), -1))
+        np.testing.assert_array_equal(distance, np.where(is_near, true.min(axis=1), np.inf))

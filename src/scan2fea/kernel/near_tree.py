@@ -13,9 +13,10 @@ import numpy as np
 
 from scan2fea.errors import InternalError, require
 from scan2fea.kernel.jit import jit_ieee
-from scan2fea.types import FloatArray, IntArray, Value
+from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 LEAF = 16
+_MANY = 80  # neighbours from which a heap of them is cheaper to keep than a sorted list
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -61,6 +62,11 @@ def nearest_of(tree: NearTree, queries: FloatArray, reach_m: float = math.inf) -
     For few queries, or such as lie apart; leaf by leaf (`nearest_of_leaves`) is faster for many.
     """
     return _one_by_one(tree.order, tree.xyz, tree.boxes, tree.levels, np.ascontiguousarray(queries, float), reach_m)
+
+
+def nearest_marked(tree: NearTree, queries: FloatArray, marked: BoolArray, reach_m: float) -> tuple[FloatArray, IntArray]:
+    """Distance (m,) and row (m,) of the marked (n,) point nearest to each query (m, 3); inf and -1 where none is nearer than `reach_m`."""
+    return _one_by_one_marked(tree.order, tree.xyz, tree.boxes, tree.levels, np.ascontiguousarray(queries, float), marked, reach_m)
 
 
 @jit_ieee
@@ -168,6 +174,35 @@ def _one_by_one(order: IntArray, xyz: FloatArray, boxes: FloatArray, levels: int
 
 
 @jit_ieee
+def _one_by_one_marked(
+    order: IntArray, xyz: FloatArray, boxes: FloatArray, levels: int, queries: FloatArray, marked: BoolArray, reach: float
+) -> tuple[FloatArray, IntArray]:
+    stack, leaf0, n = np.empty(levels + 2, np.int64), (1 << levels) - 1, len(xyz)
+    distance, row = np.full(len(queries), np.inf), np.full(len(queries), -1)
+    for i in range(len(queries)):
+        x, y, z = queries[i]
+        stack[0], top, nearest = 0, 1, reach * reach
+        while top > 0:
+            top -= 1
+            node = stack[top]
+            if point_gap(boxes, node, x, y, z) > nearest:
+                continue
+            if node < leaf0:
+                stack[top], stack[top + 1] = 2 * node + 2, 2 * node + 1
+                top += 2
+                continue
+            for p in range((n * (node - leaf0)) >> levels, (n * (node - leaf0 + 1)) >> levels):
+                if marked[order[p]]:
+                    u, v, w = xyz[p, 0] - x, xyz[p, 1] - y, xyz[p, 2] - z
+                    d = u * u + v * v + w * w
+                    if d < nearest or (d == nearest and 0 <= order[p] < row[i]):
+                        nearest, row[i] = d, order[p]
+        if row[i] >= 0:
+            distance[i] = math.sqrt(nearest)
+    return distance, row
+
+
+@jit_ieee
 def point_gap(boxes: FloatArray, node: int, x: float, y: float, z: float) -> float:
     """Squared distance of a point from a box."""
     u = max(boxes[node, 0] - x, x - boxes[node, 3], 0.0)
@@ -194,6 +229,7 @@ def _nearest(
     stop = (m * last) >> query_levels
     squared = np.full((stop - start, k), np.inf)
     near = np.full((stop - start, k), n)
+    last_place = k - 1 if k < _MANY else 0  # where the farthest so far stands: at the end of a sorted list, at the root of a heap
     stack, gaps = np.empty(levels + 2, np.int64), np.empty(levels + 2)
     leaf0 = (1 << levels) - 1
     for leaf in range(first, last):
@@ -218,14 +254,19 @@ def _nearest(
             worst = 0.0
             for q in range(a, b):
                 i = q - start
-                x, y, z, farthest = queries[q, 0], queries[q, 1], queries[q, 2], squared[i, k - 1]
+                x, y, z, farthest = queries[q, 0], queries[q, 1], queries[q, 2], squared[i, last_place]
                 if point_gap(boxes, node, x, y, z) <= farthest:
                     for p in range(s, e):
                         u, v, w = xyz[p, 0] - x, xyz[p, 1] - y, xyz[p, 2] - z
                         d = u * u + v * v + w * w
-                        if d < farthest or (d == farthest and order[p] < near[i, k - 1]):
-                            farthest = _put(d, order[p], squared, near, i)
+                        if d < farthest or (d == farthest and order[p] < near[i, last_place]):
+                            if last_place > 0 or k == 1:
+                                farthest = _put(d, order[p], squared, near, i)
+                            else:
+                                farthest = _sunk(d, order[p], squared, near, i, k)
                 worst = max(worst, farthest)
+    if k >= _MANY:
+        _sort_heaps(squared, near)
     return np.sqrt(squared), near
 
 
@@ -238,3 +279,31 @@ def _put(d: float, row: int, squared: FloatArray, near: IntArray, i: int) -> flo
         h -= 1
     squared[i, h], near[i, h] = d, row
     return float(squared[i, squared.shape[1] - 1])
+
+
+@jit_ieee
+def _sunk(d: float, row: int, squared: FloatArray, near: IntArray, i: int, size: int) -> float:
+    """Put a point in place of the root of the heap that the first `size` places of query i are; returns the distance of the root that is this now."""
+    h, child = 0, 1
+    while child < size:
+        beside = child + 1
+        if beside < size and (
+            squared[i, beside] > squared[i, child] or (squared[i, beside] == squared[i, child] and near[i, beside] > near[i, child])
+        ):
+            child = beside
+        if squared[i, child] < d or (squared[i, child] == d and near[i, child] < row):
+            break
+        squared[i, h], near[i, h] = squared[i, child], near[i, child]
+        h, child = child, 2 * child + 1
+    squared[i, h], near[i, h] = d, row
+    return float(squared[i, 0])
+
+
+@jit_ieee
+def _sort_heaps(squared: FloatArray, near: IntArray) -> None:
+    """Each row of heaps (m, k) sorted, nearest first (Williams 1964)."""
+    for i in range(len(squared)):
+        for end in range(squared.shape[1] - 1, 0, -1):
+            d, row = squared[i, end], near[i, end]
+            squared[i, end], near[i, end] = squared[i, 0], near[i, 0]
+            _sunk(d, row, squared, near, i, end)

@@ -10,18 +10,18 @@ from scipy.spatial import cKDTree
 
 from scan2fea.errors import InternalError, require
 from scan2fea.kernel.jit import jit
-from scan2fea.kernel.near_tree import LEAF, box_gap, near_tree, nearest_of_leaves
+from scan2fea.kernel.near_tree import LEAF, NearTree, box_gap, near_tree, nearest_of_leaves
 from scan2fea.kernel.union_find import join, root
 from scan2fea.types import FloatArray, IntArray
 
 _BLOCK = 200_000  # queries at once
 
 
-def k_nearest(points: FloatArray, k: int, queries: FloatArray | None = None) -> tuple[FloatArray, IntArray]:
+def k_nearest(points: FloatArray, k: int, queries: FloatArray | None = None, tree: NearTree | None = None) -> tuple[FloatArray, IntArray]:
     """The k points nearest to each query, nearest first.
 
     points : (n, d).   queries : (m, d), or None for the points themselves; then each point finds itself first (distance 0), except
-    that equal points may come in any order. In space (d = 3) those equally far come by row.
+    that equal points may come in any order. In space (d = 3) those equally far come by row.   tree : of the points, where one is there already.
 
     Returns distances (m, j) and indices (m, j) into `points`, j = min(k, n). Raises InternalError if there is no point or k < 1.
     """
@@ -32,17 +32,19 @@ def k_nearest(points: FloatArray, k: int, queries: FloatArray | None = None) -> 
         return np.asarray(found[0], float), np.asarray(found[1], np.int64)
     m = len(points) if queries is None else len(queries)
     distance, near = np.zeros((m, j)), np.zeros((m, j), np.int64)
-    for rows, far, which in nearest_in_blocks(points, j, queries):
+    for rows, far, which in nearest_in_blocks(points, j, queries, tree):
         distance[rows], near[rows] = far, which
     return distance, near
 
 
-def nearest_in_blocks(points: FloatArray, k: int, queries: FloatArray | None = None) -> Iterator[tuple[IntArray, FloatArray, IntArray]]:
+def nearest_in_blocks(
+    points: FloatArray, k: int, queries: FloatArray | None = None, tree: NearTree | None = None
+) -> Iterator[tuple[IntArray, FloatArray, IntArray]]:
     """As `k_nearest` in space, for k up to the number of points, some queries after the other: their rows, distances and indices of their nearest.
 
     Queries of one block lie together, and their lists alone are held: those of all points of a large cloud would take more than the cloud.
     """
-    tree = near_tree(points)
+    tree = tree or near_tree(points)
     asked = tree
     if queries is not None:
         if len(queries) == 0:
@@ -54,17 +56,17 @@ def nearest_in_blocks(points: FloatArray, k: int, queries: FloatArray | None = N
         yield nearest_of_leaves(tree, asked, k, first, min(first + step, asked.n_leaves))
 
 
-def radius_components(points: FloatArray, radius_m: float) -> IntArray:
+def radius_components(points: FloatArray, radius_m: float, tree: NearTree | None = None) -> IntArray:
     """Label the connected components of the graph that joins points whose distance is at most `radius_m`.
 
     points : (n, 3).   Returns labels (n,) int64 from 0, numbered in the order in which a component's first point comes. Near-linear
-    in n: parts of the tree that hang together already are not looked into again.
+    in n: parts of the tree that hang together already are not looked into again.   tree : of the points, where one is there already.
     Raises InternalError unless the radius is positive and finite.
     """
     require(0 < radius_m < math.inf, InternalError, f"radius_components needs a positive radius, got {radius_m}")
     if len(points) == 0:
         return np.zeros(0, np.int64)
-    tree = near_tree(points)
+    tree = tree or near_tree(points)
     return _components(tree.order, tree.xyz, tree.boxes, tree.levels, float(radius_m))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import gammaincinv
 
+from scan2fea.kernel.near_tree import NearTree, near_tree
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.patch_noise import QUADRIC_TERMS, patch_noise
 from scan2fea.types import FloatArray, IntArray
@@ -25,23 +26,23 @@ def sampled_rows(n: int, at_most: int, seed: int) -> IntArray:
     return np.sort(np.random.default_rng(seed).choice(n, at_most, replace=False)).astype(np.int64)
 
 
-def spacing(points: FloatArray, seed: int = 0) -> float:
+def spacing(points: FloatArray, seed: int = 0, tree: NearTree | None = None) -> float:
     """Median over the points of the mean distance to the 6 nearest others, m. 0 if all points are equal, nan for fewer than two points.
 
-    points : (n, 3). Large clouds are judged by a seeded draw of 20,000 of their points.
+    points : (n, 3). Large clouds are judged by a seeded draw of 20,000 of their points.   tree : of the points, where one is there already.
     """
     if len(points) < 2:
         return float("nan")
-    distances, _ = k_nearest(points, SPACING_NEIGHBORS + 1, points[sampled_rows(len(points), _SPACING_QUERIES, seed)])
+    distances, _ = k_nearest(points, SPACING_NEIGHBORS + 1, points[sampled_rows(len(points), _SPACING_QUERIES, seed)], tree)
     return float(np.median(distances[:, 1:].mean(axis=1)))
 
 
-def noise_sigma(points: FloatArray, normals: FloatArray | None = None, seed: int = 0) -> float:
+def noise_sigma(points: FloatArray, normals: FloatArray | None = None, seed: int = 0, tree: NearTree | None = None) -> float:
     """Standard deviation of the points across their surface, m; nan where the data cannot tell it from shape.
 
     points : (n, 3).   normals : (n, 3) oriented outward, or None. With them only neighbours on the same side of a wall are used
     (n_i.n_j > 0.3). Without them the sheet a point lies on is told from the other one by the gap between; walls thinner than about six
-    sigma then read as noise.
+    sigma then read as noise.   tree : of the points, where one is there already.
 
     Each of a seeded draw of points gives the residual of a quadric z(x, y) over its neighbours (a plane would read curvature as
     noise). The scale is the 30 % quantile of these residuals, divided by what that quantile is for pure Gaussian noise (chi-square
@@ -52,7 +53,8 @@ def noise_sigma(points: FloatArray, normals: FloatArray | None = None, seed: int
     for k in (24, 48, 96, 192, 384):
         if len(points) < k:
             break
-        _, near = k_nearest(points, k, points[rows])
+        tree = tree or near_tree(points)
+        _, near = k_nearest(points, k, points[rows], tree)
         rms, width, used = patch_noise(points[near] - points[rows][:, None], np.zeros((0, k)) if normals is None else _same_side(normals, rows, near))
         good = used >= max(2 * QUADRIC_TERMS + 1, _SHEET_SHARE * k)
         if good.mean() < 0.5:

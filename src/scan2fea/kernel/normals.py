@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from scan2fea.kernel.jit import jit
+from scan2fea.kernel.near_tree import NearTree
 from scan2fea.kernel.neighbors import k_nearest, nearest_in_blocks
 from scan2fea.types import FloatArray, IntArray
 
@@ -25,9 +26,12 @@ def pca_normals(points: FloatArray, k: int = 12) -> FloatArray:
     return normals
 
 
-def normals_at(places: FloatArray, points: FloatArray, k: int) -> FloatArray:
-    """(m, 3) unit normals, of any sign, of the planes of least squares through the k of the points (n, 3) nearest to each place (m, 3)."""
-    patch = points[k_nearest(points, k, places)[1]]
+def normals_at(places: FloatArray, points: FloatArray, k: int, tree: NearTree | None = None) -> FloatArray:
+    """(m, 3) unit normals, of any sign, of the planes of least squares through the k of the points (n, 3) nearest to each place (m, 3).
+
+    tree : of the points, where one is there already.
+    """
+    patch = points[k_nearest(points, k, places, tree)[1]]
     patch = patch - patch.mean(axis=1, keepdims=True)
     normals: FloatArray = np.linalg.eigh(np.einsum("mki,mkj->mij", patch, patch))[1][:, :, 0]
     return normals

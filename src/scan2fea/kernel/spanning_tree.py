@@ -14,23 +14,24 @@ import numpy as np
 
 from scan2fea.errors import InternalError, require
 from scan2fea.kernel.jit import jit
-from scan2fea.kernel.near_tree import near_tree, nearest_of_leaves
+from scan2fea.kernel.near_tree import NearTree, near_tree, nearest_of_leaves
 from scan2fea.kernel.union_find import join, root
 from scan2fea.types import FloatArray, IntArray
 
 _FEW = 8  # neighbours of each point that are looked at before the tree is asked
 
 
-def spanning_tree(points: FloatArray) -> tuple[IntArray, FloatArray]:
+def spanning_tree(points: FloatArray, tree: NearTree | None = None) -> tuple[IntArray, FloatArray]:
     """Edges (n - 1, 2) of the shortest tree over points (n, 3) and their lengths (n - 1,), shortest first, ties by their rows.
 
+    tree : of the points, where one is there already.
     Raises InternalError for points that are not finite.
     """
     require(np.isfinite(points).all(), InternalError, "spanning_tree needs finite points")
     n = len(points)
     if n < 2:
         return np.zeros((0, 2), np.int64), np.zeros(0)
-    tree = near_tree(points)
+    tree = tree or near_tree(points)
     placed = replace(tree, order=np.arange(n))  # rows below count in the order of the leaves
     _, far, near = nearest_of_leaves(placed, placed, min(_FEW + 1, n), 0, placed.n_leaves)
     edges, squared = _boruvka(tree.xyz, tree.boxes, tree.levels, far, near)

@@ -13,6 +13,7 @@ import numpy as np
 from scipy.cluster.hierarchy import linkage
 
 from scan2fea.errors import SegmentationError, require
+from scan2fea.kernel.near_tree import near_tree
 from scan2fea.kernel.spanning_tree import spanning_tree, tree_parts
 from scan2fea.segmentation.clusters import number_of_clusters, require_points, thinned
 from scan2fea.segmentation.euclidean import absorbed, usable_radius
@@ -48,13 +49,14 @@ def agglomerative(cloud: PointCloud, options: SegmentationOptions = Segmentation
 
 
 def _single(points: FloatArray, options: SegmentationOptions) -> IntArray:
-    edges, length = spanning_tree(points)
+    tree = near_tree(points)
+    edges, length = spanning_tree(points, tree)
     if options.clusters is not None:
         return tree_parts(edges[: len(points) - options.clusters], len(points))
-    radius = link_radius(points, options.seed) if options.radius_m is None else usable_radius(points, options.radius_m)
+    radius = link_radius(points, options.seed, tree) if options.radius_m is None else usable_radius(points, options.radius_m)
     if not radius > 0:
         return np.zeros(len(points), np.int64)
-    return absorbed(points, tree_parts(edges[length <= radius], len(points)), radius, options.min_points)
+    return absorbed(points, tree_parts(edges[length <= radius], len(points)), radius, options.min_points, tree)
 
 
 def joined(points: FloatArray, how: str, k: int) -> IntArray:

@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from scan2fea.errors import SegmentationError, require
-from scan2fea.kernel.neighbors import k_nearest, radius_components
+from scan2fea.kernel.near_tree import NearTree, near_tree, nearest_marked
+from scan2fea.kernel.neighbors import radius_components
 from scan2fea.segmentation.options import SegmentationOptions
 from scan2fea.segmentation.radius import link_radius
 from scan2fea.types import FloatArray, IntArray, PointCloud
@@ -35,7 +36,8 @@ def euclidean(cloud: PointCloud, options: SegmentationOptions = SegmentationOpti
         labels = _refined(points, options)
     else:
         usable_radius(points, radius)
-        labels = absorbed(points, radius_components(points, radius), radius, options.min_points)
+        tree = near_tree(points)
+        labels = absorbed(points, radius_components(points, radius, tree), radius, options.min_points, tree)
     return labels if options.max_points is None else _without_large(labels, options.max_points)
 
 
@@ -61,12 +63,14 @@ def _refined(points: FloatArray, options: SegmentationOptions) -> IntArray:
     todo = [(np.arange(len(points)), math.inf)]
     while todo:
         rows, coarser = todo.pop(0)
-        radius = link_radius(points[rows], options.seed)
+        own = points if len(rows) == len(points) else points[rows]
+        tree = near_tree(own)
+        radius = link_radius(own, options.seed, tree)
         if not (radius > 0 and radius <= _FINER * coarser):
             labels[rows] = count
             count += 1
             continue
-        parts = absorbed(points[rows], radius_components(points[rows], radius), radius, options.min_points)
+        parts = absorbed(own, radius_components(own, radius, tree), radius, options.min_points, tree)
         sizes = np.bincount(parts[parts >= 0], minlength=1)
         is_first = coarser == math.inf
         lost = len(rows) - sizes[sizes >= _LEAST_PART * len(rows)].sum()
@@ -78,8 +82,11 @@ def _refined(points: FloatArray, options: SegmentationOptions) -> IntArray:
     return labels
 
 
-def absorbed(points: FloatArray, labels: IntArray, radius_m: float, min_points: int) -> IntArray:
-    """Parts below `min_points` joined to the nearest larger part within two radii, -1 where there is none; labels from 0 without gaps."""
+def absorbed(points: FloatArray, labels: IntArray, radius_m: float, min_points: int, tree: NearTree | None = None) -> IntArray:
+    """Parts below `min_points` joined to the nearest larger part within two radii, -1 where there is none; labels from 0 without gaps.
+
+    tree : of the points, where one is there already.
+    """
     counts = np.bincount(labels)
     large = counts >= min_points
     if not large.any():
@@ -88,12 +95,11 @@ def absorbed(points: FloatArray, labels: IntArray, radius_m: float, min_points: 
     joined: IntArray = number[labels]
     small = np.flatnonzero(joined < 0)
     if len(small):
-        big = np.flatnonzero(joined >= 0)
-        distance, near = k_nearest(points[big], 1, points[small])
+        distance, near = nearest_marked(tree or near_tree(points), points[small], joined >= 0, 2.0 * radius_m * (1.0 + 1e-9))
         nearest = np.full(len(counts), np.inf)
-        np.minimum.at(nearest, labels[small], distance[:, 0])
-        first = distance[:, 0] <= np.minimum(nearest[labels[small]], 2.0 * radius_m)
+        np.minimum.at(nearest, labels[small], distance)
+        first = distance <= np.minimum(nearest[labels[small]], 2.0 * radius_m)
         target = np.full(len(counts), -1, np.int64)
-        target[labels[small[first]]] = joined[big[near[first, 0]]]
+        target[labels[small[first]]] = joined[near[first]]
         joined[small] = target[labels[small]]
     return joined

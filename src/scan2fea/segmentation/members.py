@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from scan2fea.kernel.near_tree import near_tree
 from scan2fea.kernel.neighbors import k_nearest, radius_components
 from scan2fea.kernel.noise import noise_sigma, sampled_rows, spacing
 from scan2fea.kernel.normals import pca_normals
@@ -89,7 +90,8 @@ def members(points: FloatArray, seed: int = 0, min_points: int = 100) -> IntArra
 
 def _thinned(points: FloatArray, seed: int) -> _Thin | None:
     """Means of voxels as wide as the points lie apart, or twice their noise; wider where that leaves too many."""
-    h, sigma = spacing(points, seed), noise_sigma(points, seed=seed)
+    tree = near_tree(points)
+    h, sigma = spacing(points, seed, tree), noise_sigma(points, seed=seed, tree=tree)
     if not h > 0:
         return None
     edge = max(h, 2.0 * sigma) if np.isfinite(sigma) else h
@@ -267,17 +269,21 @@ def _side_by_side(thin: _Thin, group: IntArray, extents: list[Extent]) -> list[t
     i, a, b = border[i[ok]], a[ok], b[ok]
     axes = np.array([e.axis for e in extents])
     at = np.floor(np.einsum("nc,nc->n", thin.points[i], axes[a]) / (GAP * thin.h)).astype(np.int64)
-    rows = np.unique(np.stack([a, b, at], 1), axis=0)
-    pairs, slices = np.unique(rows[:, :2], axis=0, return_counts=True)
+    if not len(a):
+        return []
+    n, n_slices = len(extents), int(np.ptp(at)) + 1
+    touched = np.unique((a * n + b) * n_slices + at - at.min())  # as one number: many times as fast as rows of three
+    pairs, slices = np.unique(touched // n_slices, return_counts=True)
     edges = []
     along: dict[int, tuple[int, float, int]] = {}  # each piece lies along one other, the one it touches most: else it would bridge two members
-    for (p, q), n in zip(pairs.tolist(), slices.tolist(), strict=True):
+    for pair, count in zip(pairs.tolist(), slices.tolist(), strict=True):
+        p, q = divmod(pair, n)
         one, other = extents[p], extents[q]
-        is_along = one.length <= other.length and n * GAP * thin.h >= _ALONG * one.length
+        is_along = one.length <= other.length and count * GAP * thin.h >= _ALONG * one.length
         if is_along and one.length < _SHORT * other.length:  # a stiffener is part of the member, a bracket on its face is not
             is_along = bool(other.holds(thin.points[group == p], _LINK * thin.h, to_ends=True).mean() >= _INSIDE)
         if is_along:
-            along[p] = max(along.get(p, (0, 0.0, 0)), (n, other.length, q))
+            along[p] = max(along.get(p, (0, 0.0, 0)), (count, other.length, q))
         elif p < q and _in_line(one, other):
             edges.append((p, q))
     return edges + [(p, q) for p, (_, _, q) in along.items()]

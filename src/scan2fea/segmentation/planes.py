@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scan2fea.kernel.near_tree import NearTree, near_tree
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import noise_sigma, sampled_rows, spacing
 from scan2fea.kernel.normals import normals_at
@@ -77,10 +78,11 @@ def large_planes(points: FloatArray, at_most: int, least_share: float, seed: int
         return []
     rng = np.random.default_rng(seed)
     rows = sampled_rows(len(points), _SUBSET, seed)
-    h, sigma = spacing(points, seed), noise_sigma(points, seed=seed)
+    tree = near_tree(points)
+    h, sigma = spacing(points, seed, tree), noise_sigma(points, seed=seed, tree=tree)
     least = 3.0 * sigma if np.isfinite(sigma) else h
     width = max(h, least)
-    search = _Search(points=points[rows], normals=_both_normals(points, rows), width=width, least=least)
+    search = _Search(points=points[rows], normals=_both_normals(points, rows, tree), width=width, least=least)
     left = np.ones(len(rows), bool)
     found: list[Plane] = []
     for _ in range(at_most):
@@ -94,12 +96,13 @@ def large_planes(points: FloatArray, at_most: int, least_share: float, seed: int
     return found
 
 
-def _both_normals(points: FloatArray, rows: IntArray) -> FloatArray:
+def _both_normals(points: FloatArray, rows: IntArray, tree: NearTree) -> FloatArray:
     """(2, m, 3) normals of some points, from their neighbours among all points and among the drawn ones alone.
 
     Near neighbours tell the two faces of a thin slab apart; among few points the neighbours on one ring of a scanner do not stand alone.
     """
-    return np.stack([normals_at(points[rows], among, _NORMAL_NEIGHBOURS) for among in (points, points[rows])])
+    drawn = points[rows]
+    return np.stack([normals_at(drawn, points, _NORMAL_NEIGHBOURS, tree), normals_at(drawn, drawn, _NORMAL_NEIGHBOURS)])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -152,6 +155,7 @@ class _Search(Value):
         """Least squares on the points of one sheet, its width following their spread: at least `least`, at most three times `width`."""
         reach, sigma, n_near = 2.0 * self.width, self.width / 3.0, 0
         for _ in range(6):
+            before = (*normal, offset, reach)
             near = self.points[self.on(normal, offset, reach)]
             if len(near) < 3:
                 return None
@@ -164,6 +168,8 @@ class _Search(Value):
             centre = near.mean(axis=0)
             normal = np.linalg.eigh((near - centre).T @ (near - centre))[1][:, 0]
             offset = float(centre @ normal)
+            if (*normal, offset, reach) == before:
+                break
         sigma = min(max(sigma, 1e-9 * self.width), _WIDEST * self.width / _SIGMAS)
         return Plane(normal=normal, offset=offset, sigma_m=sigma, share=n_near / n_all)
 

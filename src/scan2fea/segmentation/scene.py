@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from scan2fea.errors import UsageError, require
+from scan2fea.kernel.near_tree import near_tree
 from scan2fea.kernel.threads import in_threads
 from scan2fea.segmentation.agglomerative import agglomerative
 from scan2fea.segmentation.divisive import divisive
@@ -60,10 +61,12 @@ def segment_scene(scan: Scan, options: SegmentationOptions = SegmentationOptions
         found = find_primitives(cloud.points, options.min_points, options.seed)
         told: Mapping[str, object] = {"method": "primitives", "primitives": [primitive_row(p) for p in found]}
         return _of_parts(len(cloud), [(p.rows, "object") for p in found], told)
-    radius = options.radius_m or link_radius(cloud.points, options.seed)
+    tree = near_tree(cloud.points) if len(cloud) else None
+    radius = options.radius_m or link_radius(cloud.points, options.seed, tree)
     supports, finder = Supports.none(len(cloud)), PlaneFinder(cloud.points, options.seed)
     if options.supports and np.isfinite(radius) and radius > 0:
-        supports = find_supports(finder, scan.sensors(), radius, options.min_points)
+        supports = find_supports(finder, scan.sensors(), radius, options.min_points, tree)
+    del tree  # as large as the cloud
     rest = np.flatnonzero(supports.number < 0)
     labels = METHODS[options.method](cloud.take(rest), options)
     clusters = [rest[labels == label] for label in range(int(labels.max(initial=-1)) + 1)]

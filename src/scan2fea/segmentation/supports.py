@@ -22,6 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scan2fea.kernel.near_tree import NearTree
 from scan2fea.kernel.neighbors import radius_components
 from scan2fea.kernel.threads import in_threads
 from scan2fea.segmentation.footprint import DIRECTIONS, border_share, directions_beyond, grid_on, is_covered, least_extent, standing_parts
@@ -50,10 +51,10 @@ class Supports(Value):
         return cls(number=np.full(n_points, -1, np.int64), planes=(), width_m=())
 
 
-def find_supports(finder: PlaneFinder, sensors: FloatArray, radius_m: float, min_points: int) -> Supports:
+def find_supports(finder: PlaneFinder, sensors: FloatArray, radius_m: float, min_points: int, tree: NearTree | None = None) -> Supports:
     """The supports of the scene that the finder was made for.
 
-    sensors : (n, 3), nan where unknown.   radius_m : that joins points of one surface.
+    sensors : (n, 3), nan where unknown.   radius_m : that joins points of one surface.   tree : of the points, where one is there already.
     """
     points = finder.points
     number = np.full(len(points), -1, np.int64)
@@ -61,7 +62,7 @@ def find_supports(finder: PlaneFinder, sensors: FloatArray, radius_m: float, min
     todo: list[tuple[IntArray, Plane | None]] = [(np.arange(len(points)), None)]
     while todo and len(planes) < _MOST:
         part, floor = todo.pop()
-        connected = _connected(points, part, radius_m, min_points)
+        connected = _connected(points, part, radius_m, min_points, tree if len(part) == len(points) else None)
         in_threads(finder.of, connected)  # it keeps what it finds
         for rows in connected:
             plane = _support_of(finder, rows, sensors[rows], radius_m, min_points, floor)
@@ -101,11 +102,11 @@ def _width(plane: Plane, points: FloatArray, radius_m: float) -> float:
     return least_extent(grid.occupied(points), grid.edge_m)
 
 
-def _connected(points: FloatArray, rows: IntArray, radius_m: float, min_points: int) -> list[IntArray]:
+def _connected(points: FloatArray, rows: IntArray, radius_m: float, min_points: int, tree: NearTree | None = None) -> list[IntArray]:
     """The connected parts of the rows that are large enough to hold a plane and something on it, largest first."""
     if len(rows) < 2 * min_points:
         return []
-    labels = radius_components(points[rows], radius_m)
+    labels = radius_components(points[rows], radius_m, tree)
     counts = np.bincount(labels)
     large = np.flatnonzero(counts >= 2 * min_points)
     return [rows[labels == label] for label in large[np.argsort(-counts[large], kind="stable")]]

@@ -19,6 +19,7 @@ GAP = 4.0  # spacings: a longer gap ends a run; a column holds two points a spac
 SLICE = 2.0  # spacings: thickness of a slice across; with its column it holds four points
 _PAIRS = 6  # normals compared with that of a point
 _REACH = 8.0  # spacings: how far apart they lie
+_NEAR = int(np.pi * _REACH**2)  # points of a sheet within that
 _ANGLE = 0.5  # sine of the least angle between two normals whose product is a direction
 _VOTERS = 1_500  # points asked for votes
 _MOST_VOTES, _CANDIDATES = 4_000, 600  # votes that are counted, and those of them that stand for election
@@ -46,7 +47,8 @@ def directions(points: FloatArray, normals: FloatArray, h: float, seed: int) -> 
     """
     rng = np.random.default_rng(seed)
     rows = rng.choice(len(points), min(len(points), _VOTERS), replace=False)
-    votes = np.concatenate([_products(points, normals, rows, h, rng), _lines(points, rows)])
+    distance, near = k_nearest(points, max(_NEAR, *_SCALES), points[rows])
+    votes = np.concatenate([_products(normals, rows, distance[:, :_NEAR], near[:, :_NEAR], _REACH * h, rng), _lines(points, near)])
     votes = votes[rng.permutation(len(votes))[:_MOST_VOTES]]
     found: list[FloatArray] = []
     n_votes = len(votes)
@@ -68,23 +70,24 @@ def _mean_direction(votes: FloatArray) -> FloatArray:
     return axis
 
 
-def _products(points: FloatArray, normals: FloatArray, rows: IntArray, h: float, rng: np.random.Generator) -> FloatArray:
-    distance, near = k_nearest(points, int(np.pi * _REACH**2), points[rows])
+def _products(
+    normals: FloatArray, rows: IntArray, distance: FloatArray, near: IntArray, reach: float, rng: np.random.Generator
+) -> FloatArray:
     votes = []
     for _ in range(_PAIRS):
         pick = rng.integers(near.shape[1], size=len(rows))
         other = near[np.arange(len(rows)), pick]
         product = np.cross(normals[rows], normals[other])
         size = np.linalg.norm(product, axis=1)
-        ok = (size > _ANGLE) & (distance[np.arange(len(rows)), pick] <= _REACH * h)
+        ok = (size > _ANGLE) & (distance[np.arange(len(rows)), pick] <= reach)
         votes.append(product[ok] / size[ok, None])
     return np.concatenate(votes)
 
 
-def _lines(points: FloatArray, rows: IntArray) -> FloatArray:
+def _lines(points: FloatArray, near: IntArray) -> FloatArray:
     votes = []
     for k in _SCALES:
-        patch = points[k_nearest(points, k, points[rows])[1]]
+        patch = points[near[:, :k]]
         patch = patch - patch.mean(axis=1, keepdims=True)
         values, axes = np.linalg.eigh(np.einsum("mki,mkj->mij", patch, patch))
         votes.append(axes[values[:, 2] > _LINE**2 * values[:, 1], :, 2])

@@ -65,9 +65,11 @@ def _faces(plane: Plane, points: FloatArray) -> tuple[Plane, float]:
         height = (on - middle) @ normal
         sigma = _MAD * float(np.median(np.abs(height[kept])))
         face = Plane(normal=normal, offset=float(middle @ normal), sigma_m=max(sigma, 1e-3 * plane.sigma_m), share=plane.share * float(kept.mean()))
-        kept = np.abs(height) <= face.band_m
+        before, kept = kept, np.abs(height) <= face.band_m
         if kept.sum() < 3:
             return plane, 0.0
+        if np.array_equal(kept, before):
+            break
     inner = height[height > face.band_m]
     if _THINNER * face.sigma_m > plane.sigma_m or len(inner) < _FACE * len(on):
         return plane, 0.0

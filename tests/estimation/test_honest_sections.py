@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from scan2fea.estimation.caps import HOLLOW, SOLID, UNKNOWN, inside_of
+from scan2fea.estimation.catalogued import catalogued
 from scan2fea.estimation.member import MemberOptions, fit_member
 from scan2fea.estimation.two_sided import blended
 from scan2fea.io import InputOptions, read_scan
@@ -108,3 +109,16 @@ def test_two_faces_of_a_real_tube_end_in_no_dimension():
     branch = points[points[:, 2] > 0.0254 + 0.035]
     found = fit_member(Scan(cloud=PointCloud.of(branch)), MemberOptions())
     assert not any(p.observable for p in found.member.parameters if p.name != "length")
+
+
+@pytest.mark.parametrize("law", ["cube", "laplace"])
+def test_the_spread_of_an_assumed_wall_holds_under_laws_that_were_not_tried(law):
+    """A wall of one sigma and its noise are one hump: whatever is built, what is told to be uncertain holds the truth."""
+    rng = np.random.default_rng(5)
+    true = 0.00635
+    points = sides(member("L", a=0.127, b=0.127, t=true, length=3.0), 12_000, rng)
+    noise = rng.uniform(-0.0115, 0.0115, points.shape) if law == "cube" else rng.laplace(size=points.shape) * 0.0047
+    found = fit_member(Scan(cloud=PointCloud.of(points + noise)), MemberOptions(family="L")).member
+    wall = next(p for p in catalogued(found).parameters if p.name == "t")
+    assert not wall.observable and wall.std_m is None
+    assert abs(wall.value_m - true) < 1.5 * wall.spread_m and wall.spread_m > 0.3 * true

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 
 from scan2fea.estimation.along_axis import MemberOptions
+from scan2fea.estimation.anneal import walls
 from scan2fea.estimation.cap_law import across
 from scan2fea.estimation.ends import Ends, find_ends
 from scan2fea.estimation.explain import Explanation
@@ -26,6 +27,7 @@ from scan2fea.types import BoolArray, FloatArray, Member, Parameter
 _UNSEEN = 0.05  # points per metre against the densest face: what noise carries over from its neighbours
 _REACH = "it is only how far the scan reaches: no two faces that were seen fix it"
 BLENDED = "its two faces do not stand apart: one face under wider noise explains the points too"
+_HALF = 0.5  # of a wall that may be one face
 _CHORD = 2e-3  # of the section: circles bulge so far beyond their polygons, and exact points are rounded
 _NEAR_SIGMAS = 4.0  # from the section: what lies further off has no say about the ends
 
@@ -140,9 +142,14 @@ def honest(points: FloatArray, member: Member, options: MemberOptions) -> tuple[
     covariance = np.array(member.covariance)
     covariance[loose, :] = covariance[:, loose] = 0.0
     unknown = {p.name for p in member.parameters if p.name in why or (p.spread_m is not None and p.name not in fixed)}  # not even nearly
-    loose_one = {p.name: dataclasses.replace(p, std_m=None, observable=False, spread_m=None) for p in member.parameters}
-    parameters = tuple(loose_one[p.name] if p.name in unknown else p for p in member.parameters)
+    open_walls = walls(member.family) if member.family not in ("RHS", "CHS") else ()
+    parameters = tuple(_loose(p, guess=p.name in open_walls and why.get(p.name) == BLENDED) if p.name in unknown else p for p in member.parameters)
     return dataclasses.replace(member, parameters=parameters, covariance=covariance), why
+
+
+def _loose(p: Parameter, *, guess: bool) -> Parameter:
+    """Not observable. guess : the estimate stays one, good to half of itself: two faces under the noise that was found, or one under more."""
+    return dataclasses.replace(p, std_m=None, observable=False, spread_m=max(p.std_m or 0.0, _HALF * p.value_m) if guess else None)
 
 
 def _one_face(member: Member) -> Member:

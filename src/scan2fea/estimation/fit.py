@@ -14,7 +14,7 @@ import numpy as np
 from scan2fea.errors import EstimationError, InputError, UsageError, require
 from scan2fea.estimation.anneal import climbed, walls
 from scan2fea.estimation.arc import Arc, seen_arc
-from scan2fea.estimation.candidates import Candidate, near_again, posterior, scene_of, search, with_likeliest_noise
+from scan2fea.estimation.candidates import Candidate, Scene, near_again, posterior, scene_of, search, with_likeliest_noise, with_noise
 from scan2fea.estimation.canonical import canonical, turned_weight
 from scan2fea.estimation.end_view import end_view
 from scan2fea.estimation.ends import rough_ends
@@ -175,6 +175,10 @@ def fit_section(
     found, noises = with_likeliest_noise(scene, found, tuple(KERNELS) if options.noise == "auto" else (options.noise,))
     best = found[0]
     require(math.isfinite(best.bic), EstimationError, f"no section of {', '.join(options.families)} fits the {len(inside)} points")
+    other = _denied_law(scene, best, options)
+    if other:
+        free = fit_section(points, replace(options, noise="auto", sigma_m=None), fixed=fixed, z_range=z_range, begun=begun)
+        return replace(free, why={**free.why, "sigma": other})
     layout, theta, turned = canonical(best.layout, best.theta, fixed)
     if turned and layout.family == "L":
         inside, z_used = inside * np.array([1.0, -1.0, -1.0]), (-z_used[1], -z_used[0])
@@ -189,6 +193,17 @@ def fit_section(
         free = fit_section(points, replace(options, sigma_m=None), fixed=fixed, z_range=z_range, begun=begun)
         return replace(free, why={**free.why, "sigma": denied})
     return _result(task, *last, found, noises, turned)
+
+
+def _denied_law(scene: Scene, best: Candidate, options: FitOptions) -> str:
+    """Why the points deny the law of noise that was stated together with its size, "" where they do not."""
+    if options.stated is None or options.noise == "auto":
+        return ""
+    under = {law: with_noise(scene, best, law).bic for law in KERNELS if law != options.noise}
+    law = min(under, key=lambda name: under[name])
+    if best.bic <= under[law] + _DENIED:
+        return ""
+    return f"the points deny the stated {options.noise} law of noise ({law} is likelier by {best.bic - under[law]:.0f} BIC units), it was not used"
 
 
 def _denied(task: _Task, layout: Layout, theta: FloatArray) -> str:

@@ -1,7 +1,8 @@
 """How far the response of a member is known: the standard deviations of its dimensions carried on to mass, deflection, frequency and buckling load.
 
 First order: slopes of the beam model times the covariance. And by drawing dimensions from it (seeded): skew answers, a thin wall to the third power,
-show there. Section properties are taken from a quadratic in the logarithms of the dimensions, fitted to solved sections round the estimate.
+show there. A dimension that the data do not tell counts with how far off it may be, drawn log-normally: it is often half of itself. Section
+properties are taken from a quadratic in the logarithms of the dimensions, fitted to solved sections round the estimate.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ _MOST_STEP = 0.2  # of a dimension: a wall that is hardly known must not become 
 @dataclass(frozen=True, kw_only=True)
 class Budget(Value):
     """of each figure: value, first_order_std, std (by samples; the first order without any).   n_samples : drawn and used.   assumed : dimensions
-    that the data do not tell: their uncertainty is in no figure.
+    that the data do not tell; how far off they may be (`Parameter.spread_m`) counts like a standard deviation, where something is known of it.
     """
 
     value: Mapping[str, float]
@@ -63,7 +64,8 @@ def _told(p: SectionProperties, material: Material, length_m: float, force_n: fl
 def budget(member: Member, material: Material, force_n: float, root_radius_m: float, n_samples: int, seed: int) -> Budget:
     """The response of a member with its standard deviations. Raises UsageError where its dimensions make no section."""
     names = [p.name for p in member.parameters]
-    covariance = np.asarray(member.covariance, float)
+    vague = np.array([0.0 if p.observable else p.spread_m or 0.0 for p in member.parameters])
+    covariance = np.asarray(member.covariance, float) + np.diag(vague**2)
     centre = np.array([p.value_m for p in member.parameters])
     std = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
     model = _SectionModel(member.family, dict(zip(names, centre.tolist(), strict=True)), dict(zip(names, std.tolist(), strict=True)), root_radius_m)
@@ -82,7 +84,7 @@ def budget(member: Member, material: Material, force_n: float, root_radius_m: fl
             p, length_m = model(dict(zip(names, values.tolist(), strict=True))), float(values[length])
             return _told(p, material, length_m, force_n, near.frequencies(p, length_m, 6 + N_FREQUENCIES))
 
-        drawn = _samples(sampled, centre, covariance, n_samples, seed)
+        drawn = _samples(sampled, _draws(centre, covariance, vague, n_samples, seed))
     spread = {name: float(np.std([row[name] for row in drawn], ddof=1)) for name in told} if len(drawn) > 1 else first
     assumed = tuple(p.name for p in member.parameters if p.source in ("catalogue", "estimate"))
     return Budget(value=told, first_order_std=first, std=spread, n_samples=len(drawn), assumed=assumed)
@@ -100,13 +102,18 @@ def _first_order(
     return {name: float(np.sqrt(max(v, 0.0))) for name, v in zip(told, variance, strict=True)}
 
 
-def _samples(
-    response: Callable[[FloatArray], dict[str, float]], centre: FloatArray, covariance: FloatArray, n: int, seed: int
-) -> list[dict[str, float]]:
-    """Responses of dimensions drawn from their normal distribution; draws that make no section (a wall below nothing) are left out."""
+def _draws(centre: FloatArray, covariance: FloatArray, vague: FloatArray, n: int, seed: int) -> FloatArray:
+    """(n, p) dimensions drawn from their normal distribution; those whose spread is `vague` (p,) > 0 log-normally, by themselves."""
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.clip(values, 0.0, None))
     draws = centre + np.random.default_rng(seed).normal(size=(n, len(centre))) @ root.T
+    for k in np.flatnonzero(vague).tolist():
+        draws[:, k] = centre[k] * np.exp(np.sqrt(np.log1p((vague[k] / centre[k]) ** 2)) * (draws[:, k] - centre[k]) / vague[k])
+    return draws
+
+
+def _samples(response: Callable[[FloatArray], dict[str, float]], draws: FloatArray) -> list[dict[str, float]]:
+    """Responses of drawn dimensions; draws that make no section (a wall below nothing, or above the section) are left out."""
     out = []
     for row in draws:
         try:

@@ -108,9 +108,9 @@ def _sentence(item: Row) -> Html:
         return NOTHING
     worst = max(bent, key=lambda c: abs(float(c["value"])))
     text = f"Held at its first end and loaded at the other: tip deflection {_with_std(worst)} along {str(worst['name'])[-1]} of its section"
-    text += "; \u00b1 is one standard deviation, from those of the dimensions alone."
     walls = [name for name, row in ((item.get("member") or {}).get("parameters") or {}).items() if row.get("source") in ("catalogue", "estimate")]
-    text += f" It does not hold the doubt about {', '.join(walls)}, which the scan could not tell." if walls else ""
+    vague = f", and from how far off {', '.join(walls)} may be, which the scan could not tell" if walls else ""
+    text += f"; \u00b1 is one standard deviation, from those of the dimensions{vague or ' alone'}."
     return tag("p", text)
 
 

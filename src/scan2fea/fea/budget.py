@@ -106,7 +106,7 @@ def _draws(centre: FloatArray, covariance: FloatArray, vague: FloatArray, n: int
     """(n, p) dimensions drawn from their normal distribution; those whose spread is `vague` (p,) > 0 log-normally, by themselves."""
     values, vectors = np.linalg.eigh(covariance)
     root = vectors * np.sqrt(np.clip(values, 0.0, None))
-    draws = centre + np.random.default_rng(seed).normal(size=(n, len(centre))) @ root.T
+    draws: FloatArray = centre + np.random.default_rng(seed).normal(size=(n, len(centre))) @ root.T
     for k in np.flatnonzero(vague).tolist():
         draws[:, k] = centre[k] * np.exp(np.sqrt(np.log1p((vague[k] / centre[k]) ** 2)) * (draws[:, k] - centre[k]) / vague[k])
     return draws

@@ -21,7 +21,7 @@ from scan2fea.pipeline.children import Limits, Workers, run_children
 from scan2fea.pipeline.config import Config, as_tree
 from scan2fea.pipeline.outputs import write_object
 from scan2fea.pipeline.part import Made, Part
-from scan2fea.pipeline.pose_doubt import between_frames, smeared_by
+from scan2fea.pipeline.pose_doubt import doubt_of, smeared_by
 from scan2fea.pipeline.record import KEEP, RESULT, Say, key_of
 from scan2fea.pipeline.results import object_row
 from scan2fea.pipeline.scene import Scene
@@ -45,11 +45,11 @@ def parts_of(scene: Scene, segments: Segments, chosen: Selection, config: Config
         own = scene.scan.cloud.take(rows)
         frame = int(own.frame[0])
         mesh = meshes.get(frame)
-        doubt, smeared = between_frames(scene, rows), smeared_by(scene, own.frame)
+        doubt, smeared = doubt_of(scene, rows), smeared_by(scene, own.frame)
         if mesh is None:
             own = contact_points(own, seen, labelled, int(label))
         scan = _with_rays(own, scene.scan.rays)
-        return Part(id=number, kind=segments.kinds[label], scan=scan, mesh=mesh, between_frames_m=doubt, smeared=smeared)
+        return Part(id=number, kind=segments.kinds[label], scan=scan, mesh=mesh, doubt=doubt, smeared=smeared)
 
     return in_threads(part_of, range(1, len(chosen.labels) + 1))
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from scan2fea.cad import Snap
 from scan2fea.kernel.coverage import Deviation
+from scan2fea.pipeline.dimension_doubt import PoseDoubt
 from scan2fea.pipeline.route import ESTIMATION, Estimate
 from scan2fea.types import BoolArray, Brep, Check, FEModel, FEResult, FloatArray, Member, Route, Scan, TetMesh, TriangleMesh, Value
 
@@ -17,15 +18,14 @@ from scan2fea.types import BoolArray, Brep, Check, FEModel, FEResult, FloatArray
 class Part(Value):
     """One object of the scene. `mesh` is given where the input had faces: then it enters at repair and `scan` holds its vertices.
 
-    between_frames_m : how far points of one frame may lie off those of another (`pose_doubt.between_frames`).   smeared : why a scanner's motion is
-    in its points, "" where it is not.
+    doubt : of the places that it was seen from (`pose_doubt.doubt_of`).   smeared : why a scanner's motion is in its points, "" where it is not.
     """
 
     id: int
     kind: str
     scan: Scan
     mesh: TriangleMesh | None = None
-    between_frames_m: float = 0.0
+    doubt: PoseDoubt = field(default_factory=PoseDoubt)
     smeared: str = ""
 
     @property

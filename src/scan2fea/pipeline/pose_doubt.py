@@ -10,17 +10,18 @@ import math
 
 import numpy as np
 
+from scan2fea.pipeline.dimension_doubt import FramePose, PoseDoubt
 from scan2fea.pipeline.scene import Scene
 from scan2fea.pipeline.sweeps import HOUR_S, SweepPath
 from scan2fea.registration import pose_variance
 from scan2fea.types import FloatArray, IntArray
 
 
-def between_frames(scene: Scene, rows: IntArray) -> float:
-    """Standard deviation (m), along any one axis, of the difference of two points of an object that different frames (moments of a sweep) measured.
+def doubt_of(scene: Scene, rows: IntArray) -> PoseDoubt:
+    """What is not known of the places from which the points of an object (rows of the scene's cloud) were measured.
 
-    rows : of the object in the scene's cloud. Zero where one still frame saw all of it or no pose has a deviation. Of two points drawn at
-    random: twice the mean variance, which is that of the pair where two frames share the object evenly.
+    None where one still frame saw all of it or no pose has a deviation. `between_m` is of two points drawn at random: twice the mean variance,
+    which is that of the pair where two frames share the object evenly.
     """
     cloud = scene.scan.cloud
     frame = cloud.frame[rows]
@@ -28,18 +29,22 @@ def between_frames(scene: Scene, rows: IntArray) -> float:
     paths = {path.frame: path for path in scene.paths}
     seen_by = np.unique(frame)
     if not len(rows) or (len(seen_by) == 1 and int(seen_by[0]) not in paths):
-        return 0.0
-    variance = np.zeros(len(rows))
+        return PoseDoubt()
+    variance, of_moments, frames = np.zeros(len(rows)), np.zeros(len(rows)), []
     for k in seen_by.tolist():
         own = frame == k
         points = cloud.points[rows[own]]
         if len(seen_by) > 1:
-            variance[own] += pose_variance(points - cloud.points[cloud.frame == k].mean(axis=0), _known(scene.std_m, k), _known(scene.std_rad, k))
+            x, y, z = cloud.points[cloud.frame == k].mean(axis=0).tolist()
+            pose = FramePose(frame=k, centre_m=(x, y, z), std_m=_known(scene.std_m, k), std_rad=_known(scene.std_rad, k))
+            variance[own] = pose_variance(points - pose.centre_m, pose.std_m, pose.std_rad)
+            frames += [pose] if pose.std_m > 0 or pose.std_rad > 0 else []
         if k in paths and scene.scan.rays is not None and scene.scan.rays.time_s is not None:
             ray = cloud.ray[rows[own]]
             if bool((ray >= 0).all()):
-                variance[own] += _of_sweeps(paths[k], scene.scan.rays.time_s[ray], points - scene.scan.rays.origin[ray])
-    return math.sqrt(2.0 * float(variance.mean()))
+                of_moments[own] = _of_sweeps(paths[k], scene.scan.rays.time_s[ray], points - scene.scan.rays.origin[ray])
+    between, moments = (math.sqrt(2.0 * float(v.mean())) for v in (variance + of_moments, of_moments))
+    return PoseDoubt(frames=tuple(frames), between_m=between, moments_m=moments)
 
 
 def smeared_by(scene: Scene, frame: IntArray) -> str:

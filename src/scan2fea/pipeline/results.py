@@ -179,7 +179,7 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
         "sensor": made.sensor,
         "spacing_m": number(made.spacing_m),
         "noise_m": number(made.sigma_m),
-        "between_frames_m": number(made.part.between_frames_m),
+        "between_frames_m": number(made.part.doubt.between_m),
         "how": {key: value for key, value in made.how.items() if isinstance(value, str | int | float | bool)},
     }
     if made.member is not None:
@@ -200,7 +200,7 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
     row["verdict"], row["reason"] = found.name, found.reason
     if found.name == "converted" and made.member is not None:
         row["reason"] += assumed(made.member)
-    doubt = made.part.between_frames_m
+    doubt = made.part.doubt.between_m
     if found.name == "converted" and doubt > made.sigma_m:
         row["reason"] += f"; points of different scans may lie {doubt:.2g} m off each other (one standard deviation of their poses)"
     elif found.name == "converted" and made.supported_share > 0:

@@ -4,12 +4,9 @@ it is tried first, and whatever it does not explain is reconstructed. Why is tol
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-
-import numpy as np
 
 from scan2fea.errors import EstimationError, InputError
 from scan2fea.estimation.catalogued import catalogued, with_standard_odds
@@ -24,6 +21,7 @@ from scan2fea.estimation.table import Table, read_table
 from scan2fea.kernel.noise import spacing
 from scan2fea.kernel.sections import PARAMETERS
 from scan2fea.options import option
+from scan2fea.pipeline.dimension_doubt import PoseDoubt, widened
 from scan2fea.types import Member, Route, Scan, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
@@ -69,11 +67,11 @@ class KnownSection(Value):
 
 
 def estimate(
-    scan: Scan, options: MemberOptions, route: RouteOptions, known: KnownSection | None = None, between_frames_m: float = 0.0
+    scan: Scan, options: MemberOptions, route: RouteOptions, known: KnownSection | None = None, doubt: PoseDoubt = PoseDoubt()
 ) -> Estimate:
     """The member of the points, with its catalogue and damage. A bad designation or table raises; an object that is no member does not.
 
-    known : of this object alone, in place of `route.member`.   between_frames_m : `Part.between_frames_m`.
+    known : of this object alone, in place of `route.member`.   doubt : of the places that its points, by `frame`, were measured from.
     """
     table = table_of(route)
     section = known_section(route, table) if known is None else known
@@ -94,7 +92,7 @@ def estimate(
     member = fit.member
     if inferred is not None:
         member = rested(member, scan.cloud.points[inferred], spacing(scan.cloud.points[~inferred]))
-    member = widened(member, between_frames_m)
+    member = widened(member, scan.cloud, doubt)
     if not any(p.observable or p.source == "fixed" for p in member.parameters if p.name != "length"):
         return Estimate(member=None, explains=False, reason=f"no dimension of a {member.family} member was seen" if fit.explains else fit.reason)
     if fit.method == "density":
@@ -106,17 +104,6 @@ def estimate(
     if fit.explains:
         member = replace(member, damage=damages(scan.cloud.points, member, member.sigma_m, options.seed))
     return Estimate(member=member, explains=fit.explains, reason=_reason(fit, options), p_fixed=fit.p_fixed, given=fit.given)
-
-
-def widened(member: Member, between_m: float) -> Member:
-    """The member whose estimated dimensions are uncertain by the poses too: `between_m` (m), in quadrature and of each dimension by itself."""
-    if not between_m > 0:
-        return member
-    covariance = np.array(member.covariance, float)
-    for k, p in enumerate(member.parameters):
-        covariance[k, k] += between_m**2 if p.std_m is not None and covariance[k, k] > 0 else 0.0
-    parameters = tuple(p if p.std_m is None else replace(p, std_m=math.hypot(p.std_m, between_m)) for p in member.parameters)
-    return replace(member, parameters=parameters, covariance=covariance)
 
 
 def alternatives(fit: SectionFit) -> Mapping[str, Mapping[str, float]]:

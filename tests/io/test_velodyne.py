@@ -217,6 +217,39 @@ def test_foreign_packets_between_are_passed_over(tmp_path):
     assert any("8 packets without ranges" in note for note in source.notes)
 
 
+def records(path):
+    """The head of a capture and its packets with theirs."""
+    content, at, found = path.read_bytes(), 24, []
+    while at < len(content):
+        size = 16 + struct.unpack_from("<I", content, at + 8)[0]
+        found.append(content[at : at + size])
+        at += size
+    return content[:24], found
+
+
+def test_packets_out_of_order_are_put_in_the_order_of_their_times(tmp_path):
+    """Across the hour too; where the clock goes back by more than a network holds packets back, they stay and it is said."""
+    firings = 12 * 60
+    turn = np.arange(firings)
+    for begun, name in ((100.0, "a"), (3599.99, "hour")):
+        straight, mixed = tmp_path / f"{name}.pcap", tmp_path / f"{name}_mixed.pcap"
+        ranges = np.full((firings, 32), 2.0) + 0.01 * turn[:, None]
+        write_velodyne(straight, begun + 46.08e-6 * turn, turn * 0.2 % 360, ranges, np.ones((firings, 32)))
+        head, own = records(straight)
+        assert len(own) == 60
+        mixed.write_bytes(head + b"".join([*own[:20], *own[30:41], *own[20:30], *own[41:]]))
+        (points, _, columns), (again, _, others) = decoded(straight), decoded(mixed)
+        np.testing.assert_array_equal(points, again)
+        for column in COLUMNS:
+            np.testing.assert_array_equal(columns[column], others[column])
+        assert open_velodyne(straight, 1).notes == ()
+        assert open_velodyne(mixed, 1).notes == ("10 packets came out of order: they were put in the order of their times",)
+    write_velodyne(tmp_path / "b.pcap", 90.0 + 46.08e-6 * turn, turn * 0.2 % 360, np.full((firings, 32), 2.0), np.ones((firings, 32)))
+    (head, first), (_, then) = records(tmp_path / "a.pcap"), records(tmp_path / "b.pcap")
+    (tmp_path / "two.pcap").write_bytes(head + b"".join([*first, *then]))
+    assert open_velodyne(tmp_path / "two.pcap", 1).notes == ("its clock goes back by 10 s: it is more than one recording; split it there",)
+
+
 def test_big_endian_captures(tmp_path):
     whole = HEAD + packet(data())
     swapped = (

@@ -168,6 +168,9 @@ def test_dimensions_that_no_face_tells_take_the_doubt_whole():
     moving = widened(member, cloud, PoseDoubt(between_m=0.004, moments_m=0.004))
     np.testing.assert_allclose(moving.covariance, np.diag([25e-6, 25e-6, 0.0]))
     assert widened(member, cloud, PoseDoubt()) is member
+    # what the fit found of faces is in its own deviation: of the two the larger
+    for face, said in ((0.001, math.hypot(0.003, math.sqrt(0.004**2 - 2e-6))), (0.01, 0.003)):
+        assert widened(member, cloud, PoseDoubt(between_m=0.004), face).parameters[0].std_m == pytest.approx(said)
 
 
 def test_nothing_is_made_of_what_a_motion_smeared(tmp_path):

@@ -36,6 +36,7 @@ _FULL_TURN = 36000
 
 
 _UNITS = (HDL32E, VLP16)
+_HELD_BACK_S = 1.0  # no network keeps a packet longer
 _SAME_PACE = 0.02  # crystals agree far better; the paces of the units differ by a factor
 
 
@@ -110,7 +111,10 @@ def open_velodyne(path: Path, size: int) -> Source:
     n_other += int((~ours).sum())
     offsets = offsets[ours]
     require(len(offsets) > 0, FormatError, f"{path} holds no data packet of a Velodyne unit ({n_other} other packets): record UDP port {PORT}")
+    order, disorder = _in_time(content, offsets)
+    offsets = offsets[order]
     unit, notes = _unit(path, content, offsets)
+    notes += disorder
     turns = _turns(content, offsets)
     if turns[-1] > 0:
         notes += (f"{int(turns[-1]) + 1} turns, all in the frame of the sensor: one cloud only where it stood still",)
@@ -153,6 +157,22 @@ def _unit(path: Path, content: np.ndarray[Any, Any], offsets: IntArray) -> tuple
     if named is None:
         raise FormatError(f"{path} is a capture of Velodyne unit {factory:#x}: {' and '.join(u.name for u in _UNITS)} are read; convert it")
     return named, ()
+
+
+def _in_time(content: np.ndarray[Any, Any], offsets: IntArray) -> tuple[IntArray, tuple[str, ...]]:
+    """Order of the packets by their own clock, and what is said of it. Networks deliver some late; one that is later than that began anew."""
+    at = offsets + _BLOCKS * _BLOCK.itemsize
+    clock = sum(content[at + k].astype(np.int64) << (8 * k) for k in range(4))
+    step = (np.diff(clock) + _HOUR_US // 2) % _HOUR_US - _HOUR_US // 2
+    late = step < 0
+    if not late.any():
+        return np.arange(len(offsets)), ()
+    back = float(-step.min()) * 1e-6
+    if back > _HELD_BACK_S:
+        return np.arange(len(offsets)), (f"its clock goes back by {back:.3g} s: it is more than one recording; split it there",)
+    time = np.concatenate([[0], np.cumsum(step)])
+    n_late = int((time < np.maximum.accumulate(time)).sum())
+    return np.argsort(time, kind="stable"), (f"{n_late} packets came out of order: they were put in the order of their times",)
 
 
 def _packet_us(unit: LidarUnit) -> float:

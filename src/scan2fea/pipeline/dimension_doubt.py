@@ -50,11 +50,18 @@ class PoseDoubt(Value):
     moments_m: float = 0.0
 
 
-def widened(member: Member, cloud: PointCloud, doubt: PoseDoubt) -> Member:
-    """The member whose estimated dimensions are uncertain by the poses too."""
+def widened(member: Member, cloud: PointCloud, doubt: PoseDoubt, face_m: float = 0.0) -> Member:
+    """The member whose estimated dimensions are uncertain by the poses too.
+
+    face_m : by how much the fit has found each face to be off as a whole. That is what errors of poses look like in the points, and every dimension
+    of the section has twice its square in its variance already: the larger of the two is told, not their sum.
+    """
     if not doubt.between_m > 0:
         return member
     more = _covariance(member, cloud, doubt)
+    had = np.array([0.0 if p.name == "length" else 2 * face_m**2 for p in member.parameters])
+    left = np.sqrt(np.clip(1.0 - had / np.maximum(np.diag(more), 1e-300), 0.0, None))
+    more = more * np.outer(left, left)
     known = np.array([p.std_m is not None for p in member.parameters])
     estimated = known & (np.diag(member.covariance) > 0)
     covariance = member.covariance + np.where(np.outer(estimated, estimated), more, 0.0)

@@ -17,6 +17,7 @@ from scan2fea.estimation.given import Given, contradictions
 from scan2fea.estimation.member import MemberFit, MemberOptions, fit_member
 from scan2fea.estimation.resting import rested
 from scan2fea.estimation.several import several_members
+from scan2fea.estimation.systematic import face_error
 from scan2fea.estimation.table import Table, read_table
 from scan2fea.kernel.noise import spacing
 from scan2fea.kernel.sections import PARAMETERS
@@ -92,7 +93,9 @@ def estimate(
     member = fit.member
     if inferred is not None:
         member = rested(member, scan.cloud.points[inferred], spacing(scan.cloud.points[~inferred]))
-    member = widened(member, scan.cloud, doubt)
+    told = fit.explanation
+    face_m = face_error(told.pattern_m, told.p_value, fit.section.sigma_m) if fit.method == "density" else 0.0
+    member = widened(member, scan.cloud, doubt, face_m)
     if not any(p.observable or p.source == "fixed" for p in member.parameters if p.name != "length"):
         return Estimate(member=None, explains=False, reason=f"no dimension of a {member.family} member was seen" if fit.explains else fit.reason)
     if fit.method == "density":

@@ -37,7 +37,11 @@ def spanning_tree(points: FloatArray, tree: NearTree | None = None) -> tuple[Int
     edges, squared = _boruvka(tree.xyz, tree.boxes, tree.levels, far, near)
     rows = np.sort(tree.order[edges], axis=1)
     length = np.sqrt(squared)
-    ranked = np.lexsort((rows[:, 1], rows[:, 0], length))
+    ranked = np.argsort(length)
+    same = np.diff(length[ranked]) == 0
+    places = np.flatnonzero(np.append(same, False) | np.append(False, same))
+    tied = ranked[places]
+    ranked[places] = tied[np.lexsort((rows[tied, 1], rows[tied, 0], length[tied]))]
     return rows[ranked], length[ranked]
 
 

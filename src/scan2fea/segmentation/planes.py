@@ -171,6 +171,8 @@ class _Search(Value):
             if (*normal, offset, reach) == before:
                 break
         sigma = min(max(sigma, 1e-9 * self.width), _WIDEST * self.width / _SIGMAS)
+        if not self.on(normal, offset, _SIGMAS * sigma).any():
+            return None  # laid between two sheets
         return Plane(normal=normal, offset=offset, sigma_m=sigma, share=n_near / n_all)
 
 

@@ -2,7 +2,7 @@
 
     python benchmarks/lab_sensors.py OUT [--only photogrammetry,stereo,line_laser,ultrasonic] [--seed 0]
 
-Every sensor goes where somebody who wants the beam would take it: pictures from an oval around it, four passes of the line laser along it, and four of
+Every sensor goes where one who wants the beam would take it: pictures from an oval around it, four passes of the line laser along it, and four of
 the ultrasonic sensor. Printed: what report.json says of the beam (L 127 x 127 x 6.35, 3048 mm) beside the truth. Nothing is asserted;
 the table is in docs/acquisition.md.
 """

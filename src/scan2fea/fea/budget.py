@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import ndtr
 
 from scan2fea.errors import Scan2FeaError, UsageError
 from scan2fea.fea.beam import assemble_beams, frequencies, straight
@@ -29,8 +30,9 @@ _MOST_STEP = 0.2  # of a dimension: a wall that is hardly known must not become 
 
 @dataclass(frozen=True, kw_only=True)
 class Budget(Value):
-    """of each figure: value, first_order_std, std (by samples; the first order without any).   n_samples : drawn and used.   assumed : dimensions
-    that the data do not tell; how far off they may be (`Parameter.spread_m`) counts like a standard deviation, where something is known of it.
+    """of each figure: value, first_order_std, std (by samples, `_spread`; the first order without any).   n_samples : drawn and used.
+    assumed : dimensions that the data do not tell; how far off they may be (`Parameter.spread_m`) counts like a standard deviation, where any of
+    it is known.
     """
 
     value: Mapping[str, float]
@@ -85,7 +87,7 @@ def budget(member: Member, material: Material, force_n: float, root_radius_m: fl
             return _told(p, material, length_m, force_n, near.frequencies(p, length_m, 6 + N_FREQUENCIES))
 
         drawn = _samples(sampled, _draws(centre, covariance, vague, n_samples, seed))
-    spread = {name: float(np.std([row[name] for row in drawn], ddof=1)) for name in told} if len(drawn) > 1 else first
+    spread = {name: _spread(np.array([row[name] for row in drawn]), long_tails=bool(vague.any())) for name in told} if len(drawn) > 1 else first
     assumed = tuple(p.name for p in member.parameters if p.source in ("catalogue", "estimate"))
     return Budget(value=told, first_order_std=first, std=spread, n_samples=len(drawn), assumed=assumed)
 
@@ -110,6 +112,14 @@ def _draws(centre: FloatArray, covariance: FloatArray, vague: FloatArray, n: int
     for k in np.flatnonzero(vague).tolist():
         draws[:, k] = centre[k] * np.exp(np.sqrt(np.log1p((vague[k] / centre[k]) ** 2)) * (draws[:, k] - centre[k]) / vague[k])
     return draws
+
+
+def _spread(drawn: FloatArray, *, long_tails: bool) -> float:
+    """Standard deviation; with long tails half of what the middle 68 % of the draws span: a wall near nothing bends without end."""
+    if not long_tails:
+        return float(np.std(drawn, ddof=1))
+    low, high = np.quantile(drawn, ndtr([-1.0, 1.0]))
+    return float(high - low) / 2
 
 
 def _samples(response: Callable[[FloatArray], dict[str, float]], draws: FloatArray) -> list[dict[str, float]]:

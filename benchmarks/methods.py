@@ -1,7 +1,7 @@
 """Every method of segmentation on simulated scenes whose truth is known: adjusted Rand / mean IoU of the objects (objects found at IoU 0.5 of those
 there are), processor seconds.
 
-    python benchmarks/methods.py [--points 40000] [--seed 0]
+    python benchmarks/methods.py [--points 40000] [--seed 0] [--scenes lab demo ...] [--without METHOD ...]
 
 All with the numbers that they take from the data, supports taken out first (learned finds its own, primitives has none). Floors and walls are no
 object: their points do not count, and what a method calls a support is in no object.
@@ -62,11 +62,17 @@ def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--points", type=int, default=40_000)
     arguments.add_argument("--seed", type=int, default=0)
+    arguments.add_argument("--scenes", nargs="*", default=[""], help="words of their names")
+    arguments.add_argument("--without", nargs="*", default=[])
     given = arguments.parse_args()
     for name, whole, label in scenes(given.seed):
+        if not any(word in name for word in given.scenes):
+            continue
         scan, truth = thinned(whole, label, given.points, given.seed)
         print(f"## {name}: {len(truth):,} points, {len(np.unique(truth[truth >= 0]))} objects", flush=True)
         for row, values in ROWS:
+            if values["method"] in given.without:
+                continue
             start = time.process_time()
             found = segment_scene(scan, SegmentationOptions(**values))
             took = time.process_time() - start

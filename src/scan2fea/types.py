@@ -122,12 +122,13 @@ class Scan(Value):
     cloud: PointCloud
     rays: Rays | None = None
 
-    def sensors(self) -> FloatArray:
-        """(n, 3) where each point was seen from; nan where that is not known."""
-        position = np.full((len(self.cloud), 3), np.nan)
+    def sensors(self, rows: IntArray | None = None) -> FloatArray:
+        """(n, 3) where each point (or those of `rows`) was seen from; nan where that is not known."""
+        ray = self.cloud.ray if rows is None else self.cloud.ray[rows]
+        position = np.full((len(ray), 3), np.nan)
         if self.rays is not None:
-            known = self.cloud.ray >= 0
-            position[known] = self.rays.origin[self.cloud.ray[known]]
+            known = ray >= 0
+            position[known] = self.rays.origin[ray[known]]
         return position
 
     def compact(self) -> Scan:

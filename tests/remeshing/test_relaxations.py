@@ -181,3 +181,11 @@ def test_what_was_done_is_told():
     assert said.startswith("odt: ") and "energy 0." in said
     free, _ = relaxed_by("lloyd_free", ball, 10, 0.01)
     assert (free.face_region == -1).all() and volume(free) < volume(made)
+
+
+def test_a_needle_without_a_centre_pulls_nothing():
+    """Its corners lie on a line but for rounding: 16 area^2 comes out as nothing, and the centre of its circle is nowhere."""
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 1e-9, 0], [0.5, -1, 0]])
+    with_needle = odt_targets(points, np.array([[0, 1, 2], [1, 0, 3]]))
+    assert np.array_equal(with_needle[2], points[2])
+    assert np.array_equal(with_needle[[0, 1, 3]], odt_targets(points, np.array([[1, 0, 3]]))[[0, 1, 3]])

@@ -134,7 +134,7 @@ def _poses_in(path: SweepPath, trajectory: Trajectory, shift: FloatArray) -> Flo
 
 def shift_of(points: FloatArray) -> FloatArray:
     """(3,) round numbers of metres that bring points (n, 3) near the origin; zero where no coordinate is beyond 10 km."""
-    if not len(points) or float(np.abs(points).max()) <= FAR_M:
+    if not len(points) or max(float(points.max()), -float(points.min())) <= FAR_M:
         return np.zeros(3)
     return np.asarray(np.round(np.median(points, axis=0) / SHIFT_STEP_M) * SHIFT_STEP_M)
 

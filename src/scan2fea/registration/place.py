@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -83,13 +83,13 @@ def place(
         unknown = f"{options.poses} gives no pose for it" if options.poses else ""
         arranged = arrange(scans, given, fixed, names, free=options.mode == "free", correct=options.correct, unknown=unknown, seed=options.seed)
     poses = [T if ok else None for T, ok in zip(arranged.T_world_frame, arranged.placed, strict=True)]
-    moved = [
-        _doubted(_moved(scan, T, frame), arranged.std_m[frame], arranged.std_rad[frame])
-        for frame, (scan, T) in enumerate(zip(scans, poses, strict=True))
-        if T is not None
-    ]
-    require(sum(len(scan.cloud) for scan in moved), EmptyScanError, "no input is left after placing: none has a point and a pose")
-    scan = joined(moved)
+    kept = [frame for frame, T in enumerate(poses) if T is not None]
+    require(sum(len(scans[frame].cloud) for frame in kept), EmptyScanError, "no input is left after placing: none has a point and a pose")
+    scan = joined(
+        [_doubted(scans[frame], arranged.std_m[frame], arranged.std_rad[frame]) for frame in kept],
+        [arranged.T_world_frame[frame] for frame in kept],
+        kept,
+    )
     agreement, limit = _agreement(scan, n)
     return Placed(
         scan=scan,
@@ -126,53 +126,48 @@ def _doubted(scan: Scan, std_m: float, std_rad: float) -> Scan:
     return replace(scan, cloud=with_pose_noise(scan.cloud, float(std_m), float(std_rad)))
 
 
-def _moved(scan: Scan, T_world_frame: FloatArray, frame: int) -> Scan:
-    cloud = scan.cloud
-    number = np.full(len(cloud), frame, np.int64)
-    if np.array_equal(T_world_frame, np.eye(4)):  # bytes stay as they were
-        return Scan(cloud=cloud.replaced(frame=number), rays=scan.rays)
-    normals = None if cloud.normals is None else rotated(T_world_frame, cloud.normals)
-    moved = cloud.replaced(points=applied(T_world_frame, cloud.points), normals=normals, frame=number)
-    if scan.rays is None:
-        return Scan(cloud=moved)
-    old = scan.rays
-    rays = Rays(
-        origin=applied(T_world_frame, old.origin),
-        direction=rotated(T_world_frame, old.direction),
-        range_m=old.range_m,
-        time_s=old.time_s,
-        ring=old.ring,
-        footprint_rad=old.footprint_rad,
-    )
-    return Scan(cloud=moved, rays=rays)
-
-
-def joined(scans: Sequence[Scan]) -> Scan:
-    """One scan of all points and rays, in order.
+def joined(scans: Sequence[Scan], T_world_frame: Sequence[FloatArray], frames: Sequence[int]) -> Scan:
+    """One scan of all points and rays, in order, each scan moved by its pose and its points numbered as its frame.
 
     A column that some inputs lack is filled for `label` (-1), `is_inferred` (False), `intensity` and the sigmas (nan), and dropped for normals and
-    colour, which have no value that says "not known".
+    colour, which have no value that says "not known". Column by column, so that no second copy of all columns is held.
     """
     first = np.cumsum([0] + [0 if s.rays is None else len(s.rays) for s in scans])
-    ray = [np.where(s.cloud.ray >= 0, s.cloud.ray + offset, -1) for s, offset in zip(scans, first, strict=False)]
-    columns = {name: np.concatenate([getattr(s.cloud, name) for s in scans]) for name in ("points", "frame", "raw_index")}
+    rays = [np.where(s.cloud.ray >= 0, s.cloud.ray + offset, -1) for s, offset in zip(scans, first, strict=False)]
+    columns = {"ray": np.concatenate(rays)}
+    del rays
+    columns["points"] = np.concatenate([_by(applied, T, s.cloud.points) for s, T in zip(scans, T_world_frame, strict=True)])
+    columns["frame"] = np.repeat(np.array(frames, np.int64), [len(s.cloud) for s in scans])
+    columns["raw_index"] = np.concatenate([s.cloud.raw_index for s in scans])
     for name, filler in _NOT_KNOWN.items():
         given = [getattr(s.cloud, name) for s in scans]
         if all(g is None for g in given) or (filler is None and any(g is None for g in given)):
             continue
+        if name == "normals":
+            given = [_by(rotated, T, g) for T, g in zip(T_world_frame, given, strict=True)]
         columns[name] = np.concatenate([np.full(len(s.cloud), filler) if g is None else g for s, g in zip(scans, given, strict=True)])
-    return Scan(cloud=PointCloud(ray=np.concatenate(ray), **columns), rays=_joined_rays([s.rays for s in scans if s.rays is not None]))
+    seen = [(s.rays, T) for s, T in zip(scans, T_world_frame, strict=True) if s.rays is not None]
+    return Scan(cloud=PointCloud(**columns), rays=_joined_rays(seen))
 
 
-def _joined_rays(rays: Sequence[Rays]) -> Rays | None:
+def _joined_rays(rays: Sequence[tuple[Rays, FloatArray]]) -> Rays | None:
     if not rays:
         return None
-    columns = {name: np.concatenate([getattr(r, name) for r in rays]) for name in ("origin", "direction", "range_m")}
+    columns = {
+        "origin": np.concatenate([_by(applied, T, r.origin) for r, T in rays]),
+        "direction": np.concatenate([_by(rotated, T, r.direction) for r, T in rays]),
+        "range_m": np.concatenate([r.range_m for r, _ in rays]),
+    }
     for name in ("time_s", "ring", "footprint_rad"):
-        given = [getattr(r, name) for r in rays]
+        given = [getattr(r, name) for r, _ in rays]
         if all(g is not None for g in given):
             columns[name] = np.concatenate(given)
     return Rays(**columns)
+
+
+def _by(how: Callable[[FloatArray, FloatArray], FloatArray], T_world_frame: FloatArray, rows: FloatArray) -> FloatArray:
+    """Moved rows; bytes stay as they were where the pose is none."""
+    return rows if np.array_equal(T_world_frame, np.eye(4)) else how(T_world_frame, rows)
 
 
 def _agreement(scan: Scan, n_frames: int) -> tuple[FloatArray, FloatArray]:
@@ -182,8 +177,7 @@ def _agreement(scan: Scan, n_frames: int) -> tuple[FloatArray, FloatArray]:
     opposite sides are two faces of a wall, not one surface: they are left out where the sensors are known.
     """
     cloud = scan.cloud
-    view = scan.sensors() - cloud.points
-    if len(np.unique(cloud.frame)) < 2:
+    if not len(cloud) or cloud.frame.min() == cloud.frame.max():
         return np.full(n_frames, np.nan), np.full(n_frames, np.nan)
 
     def look(frame: int) -> tuple[float, float]:
@@ -198,7 +192,8 @@ def _agreement(scan: Scan, n_frames: int) -> tuple[FloatArray, FloatArray]:
         offset = others[nearest[:, 0]] - own[drawn]
         aside = np.linalg.norm(offset - np.einsum("nc,nc->n", offset, normal)[:, None] * normal, axis=1)
         near = (distance[:, 0] <= _OVERLAP_SPACINGS * h) & (aside <= _ASIDE_SPACINGS * h)
-        side = np.einsum("nc,nc->n", normal, view[mine][drawn]) * np.einsum("nc,nc->n", normal, view[rest][nearest[:, 0]])
+        views = (scan.sensors(rows) - cloud.points[rows] for rows in (mine[drawn], rest[nearest[:, 0]]))
+        side = np.prod([np.einsum("nc,nc->n", normal, view) for view in views], axis=0)
         near &= ~(side <= 0)  # nan, a view not known, counts as the same side
         return (float(np.median(distance[near, 0])), _AGREE_SPACINGS * h) if near.mean() >= _LEAST_OVERLAP else (math.nan, math.nan)
 

@@ -163,6 +163,8 @@ def odt_targets(p: FloatArray, faces: IntArray) -> FloatArray:
         a2, b2, c2 = dot(b, b, c), dot(c, c, a), dot(a, a, b)
         s, t, u = a2 * (b2 + c2 - a2), b2 * (c2 + a2 - b2), c2 * (a2 + b2 - c2)
         whole = s + t + u
+        if whole <= 0:  # 16 area^2 but for rounding: a needle without a centre
+            continue
         for k in range(3):
             v = faces[f, k]
             weight[v] += area

@@ -126,8 +126,8 @@ def _doubted(scan: Scan, std_m: float, std_rad: float) -> Scan:
     return replace(scan, cloud=with_pose_noise(scan.cloud, float(std_m), float(std_rad)))
 
 
-def joined(scans: Sequence[Scan], T_world_frame: Sequence[FloatArray], frames: Sequence[int]) -> Scan:
-    """One scan of all points and rays, in order, each scan moved by its pose and its points numbered as its frame.
+def joined(scans: Sequence[Scan], T_world_frame: Sequence[FloatArray] = (), frames: Sequence[int] = ()) -> Scan:
+    """One scan of all points and rays, in order, each scan moved by its pose and its points numbered as its frame (none given: as they are).
 
     A column that some inputs lack is filled for `label` (-1), `is_inferred` (False), `intensity` and the sigmas (nan), and dropped for normals and
     colour, which have no value that says "not known". Column by column, so that no second copy of all columns is held.
@@ -136,17 +136,19 @@ def joined(scans: Sequence[Scan], T_world_frame: Sequence[FloatArray], frames: S
     rays = [np.where(s.cloud.ray >= 0, s.cloud.ray + offset, -1) for s, offset in zip(scans, first, strict=False)]
     columns = {"ray": np.concatenate(rays)}
     del rays
-    columns["points"] = np.concatenate([_by(applied, T, s.cloud.points) for s, T in zip(scans, T_world_frame, strict=True)])
-    columns["frame"] = np.repeat(np.array(frames, np.int64), [len(s.cloud) for s in scans])
+    poses = T_world_frame or [np.eye(4)] * len(scans)
+    columns["points"] = np.concatenate([_by(applied, T, s.cloud.points) for s, T in zip(scans, poses, strict=True)])
+    sizes = [len(s.cloud) for s in scans]
+    columns["frame"] = np.repeat(np.array(frames, np.int64), sizes) if frames else np.concatenate([s.cloud.frame for s in scans])
     columns["raw_index"] = np.concatenate([s.cloud.raw_index for s in scans])
     for name, filler in _NOT_KNOWN.items():
         given = [getattr(s.cloud, name) for s in scans]
         if all(g is None for g in given) or (filler is None and any(g is None for g in given)):
             continue
         if name == "normals":
-            given = [_by(rotated, T, g) for T, g in zip(T_world_frame, given, strict=True)]
+            given = [_by(rotated, T, g) for T, g in zip(poses, given, strict=True)]
         columns[name] = np.concatenate([np.full(len(s.cloud), filler) if g is None else g for s, g in zip(scans, given, strict=True)])
-    seen = [(s.rays, T) for s, T in zip(scans, T_world_frame, strict=True) if s.rays is not None]
+    seen = [(s.rays, T) for s, T in zip(scans, poses, strict=True) if s.rays is not None]
     return Scan(cloud=PointCloud(**columns), rays=_joined_rays(seen))
 
 

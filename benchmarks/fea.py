@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import re
 import resource
@@ -149,14 +150,22 @@ def patch(_):
     print(f"mass {system.mass.sum():.12g}")
 
 
-def prism(cells, n, length):
-    """TET10 of unit squares `cells` swept over `length`, n elements along a unit; cubes are cut in six along their diagonals."""
-    wide = int(max(np.max(cells) + 1, length)) * n + 1
-    at = np.array([(x * n + i, y * n + j, k) for x, y in cells for i in range(n) for j in range(n) for k in range(length * n)])
+def prism(cells, n, layers, triangle=False):
+    """TET10 of unit squares `cells` swept over `layers` elements, n elements along a unit; cubes are cut in six along their diagonals.
+
+    triangle: of one square only the half below its second diagonal, sheared to a triangle with equal sides.
+    """
+    wide = max(int(np.max(cells) + 1) * n, layers) + 1
+    at = np.array([(x * n + i, y * n + j, k) for x, y in cells for i in range(n) for j in range(n) for k in range(layers)])
     ways = np.array([np.concatenate([np.zeros((1, 3), int), np.cumsum(np.eye(3, dtype=int)[list(way)], axis=0)]) for way in permutations(range(3))])
-    grid = at[:, None, None] + ways
+    grid = (at[:, None, None] + ways).reshape(-1, 4, 3)
+    if triangle:
+        grid[..., 0] = n - grid[..., 0]
+        grid = grid[(grid[..., 0] + grid[..., 1]).max(axis=1) <= n]
     used, rows = np.unique(grid @ np.array([wide * wide, wide, 1]), return_inverse=True)
     nodes = np.stack([used // wide**2, used // wide % wide, used % wide], axis=1) / n
+    if triangle:
+        nodes = nodes @ np.array([[1, 0, 0], [0.5, math.sqrt(0.75), 0], [0, 0, 1]])
     tets = rows.reshape(-1, 4)
     turned = tet_volumes(nodes, tets) < 0
     tets[turned] = tets[turned][:, [1, 0, 2, 3]]
@@ -164,20 +173,87 @@ def prism(cells, n, length):
     return tet_mesh(nodes, tets, boundary, np.zeros(len(boundary), np.int64), ("ALL",), 2)
 
 
+SQUARE, ANGLE = [(0, 0)], [(0, 0), (1, 0), (2, 0), (0, 1), (0, 2)]
+
+
 def slopes(_):
-    """Error of energy or eigenvalue over three sizes of elements, against solutions that are known: rate 4 where these are smooth (order 2)."""
-    square, angle = [(0, 0)], [(0, 0), (1, 0), (2, 0), (0, 1), (0, 2)]
-    print("| body | case | error with 3, 5, 7 (L: 1, 2, 4) elements along a unit | rate |\n|---|---|---|---|")
-    for name, cells, sizes in (("bar 1 x 1 x 3", square, (3, 5, 7)), ("L 3 x 3 x 1, 3 long", angle, (1, 2, 4))):
+    """Error of energy or eigenvalue over sizes of elements, against solutions that are known: rate 4 where these are smooth (order 2)."""
+    print("| body | case | elements along a unit | error | rate | last pair |\n|---|---|---|---|---|---|")
+    for name, cells, sizes in (("bar 1 x 1 x 3", SQUARE, (3, 5, 7)), ("L 3 x 3 x 1, 3 long", ANGLE, (1, 2, 4))):
         found = defaultdict(list)
         for n in sizes:
-            mesh = prism(cells, n, 3)
+            mesh = prism(cells, n, 3 * n)
             for case, off in known_cases(mesh, name).items():
                 found[case].append(abs(off))
         for case, off in found.items():
-            off = np.array(off)
-            rate = f"{-np.polyfit(np.log(sizes), np.log(off), 1)[0]:.2f}" if off.max() > 1e-9 else "in the space"
-            print(f"| {name} | {case} | {', '.join(f'{x:.1e}' for x in off)} | {rate} |", flush=True)
+            _slope(name, case, sizes, off)
+    sizes = (1, 2, 4, 8)  # without a known limit
+    energies = -np.diff([flexed_angle(prism(ANGLE, n, n)) for n in sizes])
+    print(f"L 3 x 3 x 1, 1 long, moment on one end: rate from three sizes after one another of {sizes}: {np.log2(energies[:-1] / energies[1:]).round(2)}")
+    for name, cells, j, sizes in (
+        ("triangle, sides 1", SQUARE, math.sqrt(3) / 80, (4, 8, 16)),
+        ("square, sides 1", SQUARE, square_j(), (4, 8, 16, 32)),
+        ("L 3 x 3 x 1", ANGLE, None, (2, 4, 8, 16, 32)),
+    ):
+        energies = [twisted(prism(cells, n, 1, name.startswith("tri")), n) for n in sizes]
+        if j is None:  # three sizes tell the limit of what falls as n^-4/3 in the end
+            shrink = 0.5 ** (4 / 3)
+            j = (energies[-1] - shrink * energies[-2]) / (1 - shrink)
+            steps = -np.diff(energies)
+            told = ", ".join(f"{x:.2f}" for x in np.log2(steps[:-1] / steps[1:]))
+            print(f"{name}: rate from three sizes after one another {told}; J {j:.6f}")
+        off = np.array(energies) / j - 1
+        _slope(name, "torsion, one element long", sizes, off)
+        scaled = off * np.array(sizes) ** 4.0
+        print(f"{name}: error x n^4 {', '.join(f'{x:.3f}' for x in scaled)}")
+
+
+def _slope(name, case, sizes, off):
+    off = np.abs(off)
+    log, told = np.log(sizes), "in the space"
+    if off.max() > 1e-9:
+        told = f"{-np.polyfit(log, np.log(off), 1)[0]:.2f} | {-np.diff(np.log(off))[-1] / np.diff(log)[-1]:.2f}"
+    print(f"| {name} | {case} | {', '.join(map(str, sizes))} | {', '.join(f'{x:.1e}' for x in off)} | {told} |", flush=True)
+
+
+def square_j():
+    """Torsion constant of a square of side 1 (Timoshenko and Goodier 1970, section 109)."""
+    odd = np.arange(1, 400, 2)
+    return 1 / 3 - 64 / np.pi**5 * float((np.tanh(odd * np.pi / 2) / odd**5).sum())
+
+
+def twisted(mesh, n):
+    """Torsion constant from the energy of a slice 1 / n thick: both ends turned, free to warp. Warping is the same along the axis."""
+    x, y, z = np.asarray(mesh.nodes).T
+    ends = (z == 0) | (z == z.max())
+    twist = np.stack([-y * z, x * z, 0 * z], axis=1)
+    corner = np.zeros(len(x), bool)
+    corner[np.argmin(x + y + z)] = True
+    tough = replace(STEEL, youngs_pa=2.0, poisson=0.0, density_kg_m3=1.0)
+    return energy(mesh, tough, twist, np.stack([ends, ends, corner], 1))[0] * n
+
+
+def flexed_angle(mesh):
+    """Work of a moment on the end of an angle whose ends cannot move across: bending that grows along it, so with shear; Saint-Venant's (no Poisson's ratio)."""
+    nodes = np.asarray(mesh.nodes)
+    x, y, z = nodes.T
+    system = assemble(mesh, replace(STEEL, youngs_pa=1.0, poisson=0.0, density_kg_m3=1.0))
+    face = mesh.boundary[(z[mesh.boundary[:, :3]] == z.max()).all(axis=1)]
+    area = np.linalg.norm(np.cross(nodes[face[:, 1]] - nodes[face[:, 0]], nodes[face[:, 2]] - nodes[face[:, 0]]), axis=1) / 2
+    mass = np.full((6, 6), 16.0)  # of the six-node triangle, times 180 / area
+    mass[:3, :3], mass[:3, 3:], mass[3:, :3] = -1, 0, 0
+    for k in range(3):
+        mass[k, 3 + (k + 1) % 3] = mass[3 + (k + 1) % 3, k] = -4
+    mass[np.arange(6), np.arange(6)] = [6, 6, 6, 32, 32, 32]
+    middle = (3 * 0.5 + 1.5 + 2.5) / 5  # of the area, along y
+    force = np.zeros_like(nodes)
+    np.add.at(force[:, 2], face, (area / 180)[:, None] * ((y[face] - middle) @ mass))
+    ends, corner = (z == 0) | (z == z.max()), np.zeros(len(x), bool)
+    corner[np.argmin(x + y + z)] = True
+    free = np.flatnonzero(~np.stack([ends, ends, corner], 1).ravel())
+    k = system.stiffness_matrix().tocsc()[free][:, free]
+    right = force.ravel()[free]
+    return -float(right @ spla.splu(k, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).solve(right))
 
 
 def known_cases(mesh, name):
@@ -187,7 +263,7 @@ def known_cases(mesh, name):
     soft = replace(STEEL, youngs_pa=1.0, poisson=0.0, density_kg_m3=1.0)
     tough = replace(soft, poisson=0.3)
     twist = np.stack([-y * z, x * z, 0 * z], axis=1) / length
-    j = 0.14057701495515 if "bar" in name else properties_of("L", {"a": 3.0, "b": 3.0, "t": 1.0}, level=3).j
+    j = square_j() if "bar" in name else properties_of("L", {"a": 3.0, "b": 3.0, "t": 1.0}, level=3).j
     pull = np.stack([-0.3 * x, -0.3 * y, z], axis=1) / length
     told = {"tension": energy(mesh, tough, pull, np.repeat(ends[:, None], 3, 1))[0] / (_area(mesh) / length) - 1,
             "torsion": energy(mesh, tough, twist, np.stack([ends, ends, z + x + y == 0], 1))[0] / (j / 2.6 / length) - 1}  # fmt: skip

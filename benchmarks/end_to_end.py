@@ -1,10 +1,10 @@
-"""Scan to response, end to end: parts scanned with noise of 0.5 mm go through `scan2fea run`, and the tets it writes bend and swing as the true solid's?
+"""Scan to response, end to end: parts scanned with noise of 0.5 mm go through `scan2fea run`: do its tets bend and swing as the true solid?
 
     python benchmarks/end_to_end.py OUT.jsonl [--seeds N] [--only KIND] [--cmd scan2fea]      a line each; a second call goes on; prints the table
 
-Both solids get the same problem, in the frame of the truth: held on the flat face at one end (nodes within 3 sigma of it: the root of a member, the foot
-of the bracket, the rim of the tank), pushed sideways, both ways, over the last tenth at the other, growing to the end (tip: the mean motion so weighted);
-free modes; mass. Members are seen all round, bracket and tank from 14 stations with known places.
+Both solids get the same problem, in the frame of the truth: held on the flat face at one end (nodes within 3 sigma of it: the root of a member, the
+foot of the bracket, the rim of the tank), pushed sideways, both ways, over the last tenth at the other, growing to the end (tip: the mean motion so
+weighted); free modes; mass. Members are seen all round, bracket and tank from 14 stations with known places.
 """
 
 from __future__ import annotations

@@ -189,7 +189,8 @@ def slopes(_):
             _slope(name, case, sizes, off)
     sizes = (1, 2, 4, 8)  # without a known limit
     energies = -np.diff([flexed_angle(prism(ANGLE, n, n)) for n in sizes])
-    print(f"L 3 x 3 x 1, 1 long, moment on one end: rate from three sizes after one another of {sizes}: {np.log2(energies[:-1] / energies[1:]).round(2)}")
+    told = np.log2(energies[:-1] / energies[1:]).round(2)
+    print(f"L 3 x 3 x 1, 1 long, moment on one end: rate from three sizes after one another of {sizes}: {told}")
     for name, cells, j, sizes in (
         ("triangle, sides 1", SQUARE, math.sqrt(3) / 80, (4, 8, 16)),
         ("square, sides 1", SQUARE, square_j(), (4, 8, 16, 32)),
@@ -234,7 +235,7 @@ def twisted(mesh, n):
 
 
 def flexed_angle(mesh):
-    """Work of a moment on the end of an angle whose ends cannot move across: bending that grows along it, so with shear; Saint-Venant's (no Poisson's ratio)."""
+    """Energy of an angle under a moment on one end, both held across: bending that grows, so with shear; Saint-Venant's without Poisson's ratio."""
     nodes = np.asarray(mesh.nodes)
     x, y, z = nodes.T
     system = assemble(mesh, replace(STEEL, youngs_pa=1.0, poisson=0.0, density_kg_m3=1.0))

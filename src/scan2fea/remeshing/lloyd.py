@@ -18,11 +18,17 @@ ITERATIONS = 200  # of the thesis
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Lloyd(OnSurface):
+    """last : the points of the last energy and their targets, which the same cells tell (the loop asks for the energy after every change)."""
+
+    last: dict[str, FloatArray]
+
     def targets(self, points: FloatArray) -> FloatArray:
-        return lloyd_cells(points, self.faces)[0]
+        return self.last["targets"] if self.last.get("points") is points else lloyd_cells(points, self.faces)[0]
 
     def energy(self, points: FloatArray) -> float:
-        return float(lloyd_cells(points, self.faces)[1])
+        targets, energy = lloyd_cells(points, self.faces)
+        self.last.update(points=points, targets=targets)
+        return float(energy)
 
 
 def lloyd(
@@ -35,4 +41,4 @@ def lloyd(
     thesis: nothing is held and nothing put back, the surface shrinks and its creases wear off.
     """
     fields: dict[str, Any] = opened(mesh, LLOYD, crease_deg, drift_m, constrained)
-    return run(mesh, _Lloyd(**fields), iterations)
+    return run(mesh, _Lloyd(**fields, last={}), iterations)

@@ -232,32 +232,43 @@ def slide(
 ) -> None:
     """Put the vertices `which` of `trial` onto the reference: downhill from face to face of the same label, from at[v] on, which follows.
 
+    The nearest point of a face that is inside it ends the walk; one on its edge or corner goes on over the faces there.
     first, around : the reference faces at each reference vertex.
     """
     corner, weights, scratch = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
-    found = np.zeros(3)
+    now, then = np.zeros(3), np.zeros(3)
     for v in which:
         here = at[v]
-        best = np.inf
-        while True:
+        best = _nearest_on_face(trial[v], vertices, faces[here], corner, now, scratch)
+        while now[0] <= 0 or now[1] <= 0 or now[2] <= 0:
             came = here
             for i in range(3):
+                if now[i] <= 0:
+                    continue
                 for k in range(first[faces[came, i]], first[faces[came, i] + 1]):
                     f = around[k]
-                    if label[f] != label[came]:
+                    if f == came or label[f] != label[came]:
                         continue
-                    for j in range(3):
-                        corner[j] = vertices[faces[f, j]]
-                    away = nearest_on_triangle(trial[v], corner, weights, scratch)
+                    away = _nearest_on_face(trial[v], vertices, faces[f], corner, weights, scratch)
                     if away < best:
                         best, here = away, f
-                        for x in range(3):
-                            found[x] = weights[0] * corner[0, x] + weights[1] * corner[1, x] + weights[2] * corner[2, x]
+                        then[:] = weights
             if here == came:
                 break
+            now[:] = then
         at[v] = here
         for x in range(3):
-            trial[v, x] = found[x]
+            trial[v, x] = now[0] * vertices[faces[here, 0], x] + now[1] * vertices[faces[here, 1], x] + now[2] * vertices[faces[here, 2], x]
+
+
+@jit
+def _nearest_on_face(
+    point: FloatArray, vertices: FloatArray, face: IntArray, corner: FloatArray, weights: FloatArray, scratch: FloatArray
+) -> float:
+    for j in range(3):
+        for x in range(3):
+            corner[j, x] = vertices[face[j], x]
+    return float(nearest_on_triangle(point, corner, weights, scratch))
 
 
 @jit

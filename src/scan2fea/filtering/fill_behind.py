@@ -11,6 +11,7 @@ from scan2fea.errors import UsageError, require
 from scan2fea.filtering.disocclusion import METHODS, disocclude
 from scan2fea.filtering.options import FilteringOptions
 from scan2fea.filtering.range_image import range_image, range_noise
+from scan2fea.kernel.inferred import with_inferred
 from scan2fea.kernel.transforms import applied, inverse
 from scan2fea.types import BoolArray, FloatArray, IntArray, PointCloud, Scan, Value
 
@@ -111,21 +112,6 @@ def _one_frame(scan: Scan, rows: IntArray, T_world_frame: FloatArray, frame: int
 
 
 def _with_inferred(cloud: PointCloud, made: Sequence[_Made]) -> PointCloud:
-    """Both, the inferred points last. Columns that say nothing about them are nan, -1 or grey there."""
-    n, k = len(cloud), sum(len(m.points) for m in made)
-    normals = np.full((n, 3), np.nan) if cloud.normals is None else cloud.normals
-    sigma = np.full(n, np.nan) if cloud.sigma_along_m is None else cloud.sigma_along_m
-    columns = {
-        "points": np.concatenate([cloud.points, *[m.points for m in made]]),
-        "ray": np.concatenate([cloud.ray, np.full(k, -1)]),
-        "frame": np.concatenate([cloud.frame, *[np.full(len(m.points), m.frame) for m in made]]),
-        "raw_index": np.concatenate([cloud.raw_index, np.full(k, -1)]),
-        "normals": np.concatenate([normals, *[m.normals for m in made]]),
-        "is_inferred": np.concatenate([np.zeros(n, bool) if cloud.is_inferred is None else cloud.is_inferred, np.ones(k, bool)]),
-        "sigma_along_m": np.concatenate([sigma, *[m.sigma_m for m in made]]),
-    }
-    for name, value in {"sigma_across_m": np.nan, "intensity": np.nan, "label": -1, "colour": 128}.items():
-        given = getattr(cloud, name)
-        if given is not None:
-            columns[name] = np.concatenate([given, np.full((k, *given.shape[1:]), value, given.dtype)])
-    return PointCloud(**columns)
+    """Both, the inferred points last."""
+    points, normals, sigma = (np.concatenate([getattr(m, name) for m in made]) for name in ("points", "normals", "sigma_m"))
+    return with_inferred(cloud, points, normals, sigma_along_m=sigma, frame=np.repeat([m.frame for m in made], [len(m.points) for m in made]))

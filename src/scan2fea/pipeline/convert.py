@@ -183,7 +183,7 @@ def _shape(made: Made, source: Tracked[Part], config: Config, record: Record) ->
         made.sheet = sheet_of(part.scan, None, 0.0, 0.0, config.reconstruction)
         raise
     made.spacing_m, made.sigma_m, made.sensor = found.value.spacing_m, found.value.sigma_m, found.value.sensor
-    made.residual_m = found.value.residual_m
+    made.residual_m, made.carried = found.value.residual_m, found.value.carried
     made.how.update(found.value.how)
     made.checks += [*found.value.checks, *noise_checks(found.value.sigma_m, config.require)]
     moved(made, "reconstruct", found.value.mesh)
@@ -220,10 +220,10 @@ def _verify_geometry(made: Made) -> None:
 
 
 def _supported_share(made: Made, surface: TriangleMesh, origin: IntArray) -> float:
-    """Share of the area that no point saw but that rests on a plane that was seen (points of the contact stand for it)."""
-    contact = made.part.contact
-    if not contact.any():
+    """Share of the area that no point saw but that rests on a plane that was seen, or is the other face of a wall that was (points stand for it)."""
+    stand_in = np.concatenate([made.part.scan.cloud.points[made.part.contact], made.carried])
+    if not len(stand_in):
         return 0.0
-    resting = face_origin(surface, made.part.scan.cloud.points[contact], None, made.spacing_m, made.sigma_m) == MEASURED
+    backed = face_origin(surface, stand_in, None, made.spacing_m, made.sigma_m) == MEASURED
     areas = face_areas(surface)
-    return float(areas[resting & (origin != MEASURED)].sum() / areas.sum())
+    return float(areas[backed & (origin != MEASURED)].sum() / areas.sum())

@@ -48,6 +48,7 @@ class Made:
     sigma_m: float = 0.0
     residual_m: float | None = None  # noise left in the surface, where less than that of the points
     sensor: str = "unknown"
+    carried: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))  # places on hidden faces of walls that reconstruction put there
     how: dict[str, Any] = field(default_factory=dict)
     deviation: Deviation | None = None
     brep: Brep | None = None
@@ -57,7 +58,7 @@ class Made:
     result: FEResult | None = None
     checks: list[Check] = field(default_factory=list)
     refused: list[Check] = field(default_factory=list)  # those of a member that explains the points but is not known well enough to be built
-    supported_share: float = 0.0  # of the area: not seen, but resting on a plane that was
+    supported_share: float = 0.0  # of the area: not seen, but on a plane that was, or the other face of a wall that was
     drift: list[dict[str, Any]] = field(default_factory=list)
     places: FloatArray | None = None  # where the thickness is followed through the steps
     thickness: list[FloatArray] = field(default_factory=list)  # one per step of the drift ledger

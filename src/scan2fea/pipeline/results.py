@@ -203,10 +203,12 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
     doubt = made.part.doubt.between_m
     if found.name == "converted" and doubt > made.sigma_m:
         row["reason"] += f"; points of different scans may lie {doubt:.2g} m off each other (one standard deviation of their poses)"
-    elif found.name == "converted" and made.supported_share > 0:
+    if found.name == "converted" and made.supported_share > 0:
         row["supported_share"] = made.supported_share
         share = f"{made.supported_share:.0%}" if made.supported_share >= 0.01 else "less than 1 %"
-        row["reason"] += f"; {share} of the surface was not seen: it rests on a plane that was"
+        rests = ["rests on a plane that was"] if made.part.contact.any() else []
+        walls = ["is the other face of walls that were, and whose thickness was measured round about"] if len(made.carried) else []
+        row["reason"] += f"; {share} of the surface was not seen: it {' or '.join(rests + walls)}"
     return dict(finite_tree({key: value for key, value in row.items() if value is not None}))
 
 

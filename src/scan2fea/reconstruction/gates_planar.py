@@ -42,6 +42,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, planes: 
     """The checks of a solid of flat faces. first : the surface that told inside from outside."""
     cloud = scan.cloud
     measured = cloud.points if cloud.is_inferred is None else cloud.points[~cloud.is_inferred]
+    backed = np.concatenate([cloud.points, first.carried])
     h, sigma = first.spacing_m, first.sigma_m
     nearest = PointToMesh(mesh).nearest(measured)
     off, face = nearest.distance, nearest.face
@@ -77,11 +78,11 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, planes: 
         *_inherited(first),
         deviation(off, 2.5 * sigma + 0.125 * h),
         stray(measured, off, 3.0 * sigma + 0.5 * h),
-        hidden_volume(mesh, cloud.points, h),
+        hidden_volume(mesh, backed, h),
         bare_faces(mesh, cloud.points, scan.sensors(), h),
         empty_places(mesh, cloud.points),
     ]  # fmt: skip
-    bare = unmeasured_share(mesh, cloud.points, 3.0 * h + 3.0 * sigma)
+    bare = unmeasured_share(mesh, backed, 3.0 * h + 3.0 * sigma)
     checks.append(
         at_most("unmeasured area", bare, UNMEASURED, f"{bare:.0%} of the surface has no measured point of its side (limit {UNMEASURED:.0%})")
     )

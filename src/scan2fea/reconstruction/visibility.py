@@ -7,7 +7,7 @@ closed and free of self-intersections by construction, for every input (referenc
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,12 +19,13 @@ from scan2fea.reconstruction.carve import Carved, carve, gaps
 from scan2fea.reconstruction.denoise import first_normals
 from scan2fea.reconstruction.gates import Evidence, failed, gates_seen
 from scan2fea.reconstruction.hidden import hidden_points
+from scan2fea.reconstruction.opposite import with_opposite
 from scan2fea.reconstruction.outside import OutsideOptions
 from scan2fea.reconstruction.ranges import by_ranges, on_surface, ray_sigma
 from scan2fea.reconstruction.raster import Images, images_of
 from scan2fea.reconstruction.sensors import REJECTED, blocked_share, outer_side
 from scan2fea.reconstruction.unseen import unseen
-from scan2fea.types import Check, FloatArray, Scan, TriangleMesh, Value
+from scan2fea.types import Check, FloatArray, PointCloud, Scan, TriangleMesh, Value
 
 LEAST_POINTS = 20
 KNOWN_SHARE = 0.5  # of the measured points must have a sensor for the sensors to lead
@@ -48,7 +49,8 @@ class Reconstruction(Value):
     mesh : closed, manifold, outward.   points, normals : (n, 3) the denoised cloud and its outward normals.   thickness_m : (n,) of the wall at
     each point, nan where no other face is near.   spacing_m, sigma_m : of the raw points.   source : what told outside from inside.
     sensor : what became of the sensor positions.   checks : the gates; a surface that fails one must not be shipped.   how : for the report.
-    residual_m : noise left in the surface, where it is known to be less than that of the points; else None.
+    residual_m : noise left in the surface, where it is known to be less than that of the points; else None.   carried : (k, 3) points that were put
+    on hidden faces of walls, whose thickness is known round about.
     """
 
     mesh: TriangleMesh
@@ -62,6 +64,7 @@ class Reconstruction(Value):
     checks: tuple[Check, ...]
     how: Mapping[str, float | str]
     residual_m: float | None = None
+    carried: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
 
 def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> Reconstruction:
@@ -87,9 +90,10 @@ def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> 
     known = np.asarray(np.isfinite(sensors).all(axis=1))
     if not options.use_sensors or known[measured].mean() < KNOWN_SHARE:
         return _unseen(scan, options, "unknown", {})
-    seen = _seen(scan, options, sensors, h)
-    if seen is None:
+    found = _seen(cloud, options, sensors, h)
+    if found is None:
         return _unseen(scan, options, "rejected", {})
+    seen = _with_walls(cloud, options, sensors, h, *found) if failed(found[0].checks) else found[0]
     if not failed(seen.checks):
         return seen
     try:  # sensors that stand the test can still be too few: one look along a beam grazes all its faces
@@ -102,9 +106,8 @@ def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> 
     return blind if fewer and not is_same else seen  # planes may mend what is left
 
 
-def _seen(scan: Scan, options: VisibilityOptions, sensors: FloatArray, spacing_m: float) -> Reconstruction | None:
-    """The surface by the sensors; None where they do not stand the test."""
-    cloud = scan.cloud
+def _seen(cloud: PointCloud, options: VisibilityOptions, sensors: FloatArray, spacing_m: float) -> tuple[Reconstruction, Evidence] | None:
+    """The surface by the sensors, and what it was judged on; None where they do not stand the test."""
     normals, sigma = first_normals(cloud.points, outer_side(cloud.points, sensors, cloud.normals), spacing_m)
     blocked = blocked_share(cloud.points, normals, sensors, spacing_m, sigma, options.seed)
     if blocked > REJECTED:
@@ -122,7 +125,22 @@ def _seen(scan: Scan, options: VisibilityOptions, sensors: FloatArray, spacing_m
         is_inferred=cloud.is_inferred,
         sensors=sensors,
     )
-    return _result(carved, spacing_m, sigma, "sensors", "known", gates_seen(evidence, carved.labels.held), {"rays_blocked": blocked})
+    checks = gates_seen(evidence, carved.labels.held)
+    return _result(carved, spacing_m, sigma, "sensors", "known", checks, {"rays_blocked": blocked}), evidence
+
+
+def _with_walls(
+    cloud: PointCloud, options: VisibilityOptions, sensors: FloatArray, spacing_m: float, first: Reconstruction, evidence: Evidence
+) -> Reconstruction:
+    """The surface again where hidden faces of walls follow from their thickness round about; the first one where that fails no fewer checks."""
+    more = with_opposite(cloud, evidence)
+    if more is None:
+        return first
+    n, k = len(cloud), len(more) - len(cloud)
+    found = _seen(more, options, np.concatenate([sensors, np.full((k, 3), np.nan)]), spacing_m)
+    if found is None or len(failed(found[0].checks)) >= len(failed(first.checks)):
+        return first
+    return _first_rows(replace(found[0], carried=more.points[n:], how={**found[0].how, "n_carried": k}), n)
 
 
 def _unseen(scan: Scan, options: VisibilityOptions, sensor: str, how: Mapping[str, float | str], hidden: FloatArray | None = None) -> Reconstruction:
@@ -141,7 +159,11 @@ def _unseen(scan: Scan, options: VisibilityOptions, sensor: str, how: Mapping[st
     flood = answer.flood
     facts = {**how, "ball_m": flood.ball_m, "leak_share": flood.leak_share, "n_cavities": flood.n_cavities, "n_answers": answer.n_tried}
     found = _result(answer.carved, spacing(cloud.points, options.seed), answer.sigma_m, "outside flood", sensor, answer.checks, facts)
-    n = len(cloud)
+    return _first_rows(found, len(cloud))
+
+
+def _first_rows(found: Reconstruction, n: int) -> Reconstruction:
+    """The rows of the cloud that was given, without those of points that were put beside it."""
     return replace(found, points=found.points[:n], normals=found.normals[:n], thickness_m=found.thickness_m[:n])
 
 

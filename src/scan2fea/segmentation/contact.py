@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import ndimage
 
+from scan2fea.kernel.inferred import with_inferred
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import spacing
 from scan2fea.segmentation.footprint import CELLS_PER_RADIUS, Grid, grid_on
@@ -55,7 +56,7 @@ def contact_points(own: PointCloud, cloud: PointCloud, segments: Segments, label
             if _rests_on(plane, own.points, taken, h):
                 points = _enclosed(plane, own.points, below, taken, h)
                 if len(points):
-                    return _with_inferred(own, points, -plane.normal, plane.sigma_m)
+                    return _resting(own, points, -plane.normal, plane.sigma_m)
     return own
 
 
@@ -168,23 +169,7 @@ def _good_pieces(cells: BoolArray, roof: BoolArray, seen: _Seen) -> BoolArray:
     return np.asarray(good[pieces])
 
 
-def _with_inferred(own: PointCloud, points: FloatArray, normal: FloatArray, sigma_m: float) -> PointCloud:
-    """Both, the inferred points last. Columns that say nothing about inferred points are nan, -1 or grey there."""
-    n, k = len(own), len(points)
-    normals = np.full((n, 3), np.nan) if own.normals is None else own.normals
-    columns = {
-        "points": np.concatenate([own.points, points]),
-        "ray": np.concatenate([own.ray, np.full(k, -1)]),
-        "frame": np.concatenate([own.frame, np.full(k, -1)]),
-        "raw_index": np.concatenate([own.raw_index, np.full(k, -1)]),
-        "normals": np.concatenate([normals, np.tile(normal, (k, 1))]),
-        "is_inferred": np.concatenate([np.zeros(n, bool) if own.is_inferred is None else own.is_inferred, np.ones(k, bool)]),
-    }
-    filler = {"sigma_along_m": np.nan, "sigma_across_m": np.nan, "intensity": np.nan, "label": -1, "colour": 128}
-    for name, value in filler.items():
-        given = getattr(own, name)
-        if given is not None:
-            columns[name] = np.concatenate([given, np.full((k, *given.shape[1:]), value, given.dtype)])
-    if columns.get("sigma_across_m") is not None:
-        columns["sigma_across_m"][n:] = sigma_m
-    return PointCloud(**columns)
+def _resting(own: PointCloud, points: FloatArray, normal: FloatArray, sigma_m: float) -> PointCloud:
+    """The object's points and those on its support, which are as sure as that plane."""
+    given = {} if own.sigma_across_m is None else {"sigma_across_m": sigma_m}
+    return with_inferred(own, points, normal, **given)

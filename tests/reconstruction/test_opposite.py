@@ -56,8 +56,8 @@ def test_nothing_is_put_where_nothing_tells_the_thickness():
     assert with_opposite(*evidence_of(PLATE, lambda p, n: (n[:, 2] < -0.5) & (p[:, 0] < 0.7))) is None  # a gap larger than what was measured
     wedge = PLATE.vertices * [1, 1, 1] + np.where(PLATE.vertices[:, 2:] > T / 2, PLATE.vertices[:, :1] * [0, 0, 0.1], 0.0)
     assert with_opposite(*evidence_of(TriangleMesh(vertices=wedge, faces=PLATE.faces), under)) is None  # 60 to 180 mm thick
-    block = box((1.2, 0.8, 0.7))
-    assert with_opposite(*evidence_of(block, lambda p, n: under(p, n, 0.3))) is None  # no wall
+    bowl = PLATE.vertices * [1, 1, 8]  # as thick as the reach in which other faces are looked for, and more: flat still
+    assert with_opposite(*evidence_of(TriangleMesh(vertices=bowl, faces=PLATE.faces), under)) is not None
 
 
 def test_sight_lines_pass_through_no_wall():

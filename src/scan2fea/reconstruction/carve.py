@@ -11,6 +11,7 @@ from scan2fea.kernel.delaunay import Tetrahedralisation, tetrahedralise
 from scan2fea.kernel.side_normals import wall_depth
 from scan2fea.reconstruction.cut import Cut, cut, gather_votes
 from scan2fea.reconstruction.denoise import Denoised, denoise
+from scan2fea.reconstruction.pinholes import without_pinholes
 from scan2fea.reconstruction.singular import Resolved, boundary, resolve
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 
@@ -60,6 +61,7 @@ def carve(
     labels = cut(tetra, votes, spacing_m, extra, quality_weight)
     source = votes.source if extra is None else votes.source + extra
     resolved = resolve(tetra, labels.inside, votes.capacity, source, votes.sink, spacing_m)
+    resolved = without_pinholes(tetra, resolved, votes, source, spacing_m)
     mesh, vertex_point = boundary(tetra, resolved.inside)
     return Carved(
         mesh=mesh,

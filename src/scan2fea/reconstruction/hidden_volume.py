@@ -53,12 +53,6 @@ def unseen_volume(mesh: TriangleMesh, places: FloatArray, normals: FloatArray, r
     return float(hidden.sum() / abs(volume(mesh))), corners[bare].mean(axis=1)
 
 
-def bare_faces_of(mesh: TriangleMesh, points: FloatArray, reach_m: float) -> BoolArray:
-    """(m,) faces with no point of their own side within reach. points : (n, 3) measured or inferred."""
-    near = PointToMesh(mesh).nearest(points)
-    return _bare(mesh, near.closest, face_normals(mesh)[near.face], reach_m)
-
-
 def _bare(mesh: TriangleMesh, places: FloatArray, normals: FloatArray, reach_m: float) -> BoolArray:
     """(m,) faces with no place of their own side within reach, by a search in six dimensions: position, and half the reach times the normal."""
     scale = reach_m / 2.0

@@ -16,16 +16,17 @@ from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.reconstruction.carve import REACH as THICKEST
 from scan2fea.reconstruction.evidence import Evidence
-from scan2fea.reconstruction.hidden_volume import REACH, bare_faces_of
-from scan2fea.reconstruction.wall_ends import IN_WALL, passed
+from scan2fea.reconstruction.gates_surface import NOISE_OVER_WALL, SPACING_OVER_WALL
+from scan2fea.reconstruction.wall_ends import passed
 from scan2fea.types import BoolArray, FloatArray, IntArray, PointCloud
 
 ALIKE = 0.8  # cosine between normals of one face
 JOINED, BORDER, NEIGHBORS = 2.0, 3.0, 12  # spacings: between points of one gap, and from these to the measured thickness round it
 LEAST = 12  # points of a gap, and of its border: smaller gaps any answer closes, shorter borders tell nothing
-SPREAD = 0.05  # of the thickness: what it may vary by along the border (one standard deviation), besides the noise
+SPREAD, SPREAD_SPACINGS = 0.05, 0.5  # of the thickness and of the spacing: what it may vary by along the border (one sd), besides the noise
 FREE = 0.6  # spacings to the next point of the same side
-SEEN_THROUGH = 0.05  # share of the wall in the gap that sight lines may pass
+IN_WALL, SEEN_THROUGH = 0.1, 0.05  # of the thickness off the middle of the wall; share of its places that sight lines may pass, beside bores
+BESIDE = 1.6  # spacings from where the first surface is met to a point of that side: it was seen there (as in `wall_depth`)
 MANY = 400  # places of a gap at which sight lines are asked for
 
 
@@ -34,9 +35,8 @@ def with_opposite(cloud: PointCloud, evidence: Evidence) -> PointCloud | None:
 
     evidence : a first surface of `cloud`, its sensors known.
     """
-    points, normals, thickness = evidence.smoothed, evidence.normals, evidence.thickness_m
-    seen = np.flatnonzero(np.isfinite(thickness))
-    lacking = np.flatnonzero(_one_skin(evidence))
+    points, normals, thickness = evidence.smoothed, evidence.normals, _thickness(evidence)
+    seen, lacking = np.flatnonzero(np.isfinite(thickness)), np.flatnonzero(~np.isfinite(thickness))
     if evidence.sensors is None or not len(lacking) or not len(seen):
         return None
     known = np.flatnonzero(np.isfinite(evidence.sensors).all(axis=1))
@@ -46,7 +46,7 @@ def with_opposite(cloud: PointCloud, evidence: Evidence) -> PointCloud | None:
     made = [(np.zeros((0, 3)), np.zeros((0, 3)))]
     for number in np.flatnonzero(np.bincount(gap) >= LEAST):
         own = lacking[gap == number]
-        wall = _thickness_round(evidence, own, seen)
+        wall = _thickness_round(evidence, thickness, own, seen)
         whole = int(np.isin(face[seen], np.unique(face[own])).sum())
         if not np.isfinite(wall) or len(own) > whole:
             continue
@@ -58,15 +58,20 @@ def with_opposite(cloud: PointCloud, evidence: Evidence) -> PointCloud | None:
     return with_inferred(cloud, new[free], out[free]) if free.any() else None
 
 
-def _one_skin(evidence: Evidence) -> BoolArray:
-    """(n,) points with no other face within reach, and below which the first surface has none farther off that was seen."""
+def _thickness(evidence: Evidence) -> FloatArray:
+    """(n,) of the wall at each point, m, also where it is thicker than the reach in which other faces are looked for; nan where none was seen."""
     mesh, points, normals = evidence.mesh, evidence.smoothed, evidence.normals
-    lacking = np.flatnonzero(~np.isfinite(evidence.thickness_m))
-    bare = bare_faces_of(mesh, evidence.backed, REACH * evidence.spacing_m)
-    start = points[lacking] - 0.5 * evidence.spacing_m * normals[lacking]
-    depth, hit = first_hits(scene_of(mesh), start, -normals[lacking])
-    out = np.zeros(len(points), bool)
-    out[lacking[(depth < THICKEST * evidence.spacing_m) | (hit < 0) | bare[hit]]] = True  # so near a face that was seen had been found
+    out = np.array(evidence.thickness_m)
+    asked = np.flatnonzero(~np.isfinite(out))
+    below = 0.5 * evidence.spacing_m
+    depth, hit = first_hits(scene_of(mesh), points[asked] - below * normals[asked], -normals[asked])
+    # within that reach a face that was seen had been found: what the first surface has there is its own
+    far = (hit >= 0) & (depth + below > THICKEST * evidence.spacing_m)
+    rows = asked[far]
+    place = points[rows] - (depth[far] + below)[:, None] * normals[rows]
+    distance, near = k_nearest(points, min(NEIGHBORS, len(points)), place)
+    was_seen = ((distance < BESIDE * evidence.spacing_m) & (np.einsum("nkc,nc->nk", normals[near], normals[rows]) < 0.0)).any(axis=1)
+    out[rows[was_seen]] = (depth[far] + below)[was_seen]
     return out
 
 
@@ -78,17 +83,22 @@ def _faces(points: FloatArray, normals: FloatArray, spacing_m: float) -> IntArra
     return np.asarray(connected_components(graph, directed=False)[1])
 
 
-def _thickness_round(evidence: Evidence, own: IntArray, seen: IntArray) -> float:
-    """Thickness of the wall along the border of a gap, m; nan where it is not one thickness. own, seen : points of the gap, and with a thickness."""
+def _thickness_round(evidence: Evidence, thickness_m: FloatArray, own: IntArray, seen: IntArray) -> float:
+    """Thickness along the border of a gap, m; nan where it is not one, or no wall to this scan.
+
+    thickness_m : (n,).   own, seen : rows of the points of the gap, and of those with a thickness.
+    """
     points, normals = evidence.smoothed, evidence.normals
     distance, near = k_nearest(points[own], min(4, len(own)), points[seen])
     beside = (distance <= BORDER * evidence.spacing_m) & (np.einsum("nkc,nc->nk", normals[own][near], normals[seen]) > ALIKE)
-    border = evidence.thickness_m[seen[beside.any(axis=1)]]
+    border = thickness_m[seen[beside.any(axis=1)]]
     if len(border) < LEAST:
         return float("nan")
     wall = float(np.median(border))
     spread = 1.4826 * float(np.median(np.abs(border - wall)))
-    return wall if spread <= SPREAD * wall + evidence.sigma_m else float("nan")
+    is_one = spread <= min(SPREAD * wall, SPREAD_SPACINGS * evidence.spacing_m) + evidence.sigma_m
+    is_wall = evidence.spacing_m <= SPACING_OVER_WALL * wall and evidence.sigma_m <= NOISE_OVER_WALL * wall
+    return wall if is_one and is_wall else float("nan")
 
 
 def _free(points: FloatArray, normals: FloatArray, new: FloatArray, out: FloatArray, near_m: float) -> BoolArray:

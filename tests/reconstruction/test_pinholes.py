@@ -1,0 +1,26 @@
+import numpy as np
+import pytest
+
+from predicates import assert_closed_manifold_oriented, moved, rotation
+from scan2fea.kernel.measures import volume
+from scan2fea.kernel.topology import surface_topology
+from scan2fea.reconstruction import visibility
+from scan2fea.simulation.shapes import bracket, chs
+from scanned import scanned
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_gaps_of_a_random_sample_are_no_holes_through_a_wall(seed):
+    wall = 0.004  # points 0.6 of it apart: the cut alone goes through it in several places
+    truth = moved(chs(0.06, wall, 0.12, 0.0001), rotation(seed), np.array([1.0, 2.0, 3.0]))
+    found = visibility(scanned(truth, 0.6 * wall, 0.0, seed=seed)[0])
+    assert_closed_manifold_oriented(found.mesh)
+    assert surface_topology(found.mesh).n_handles == 1  # its bore
+    assert volume(found.mesh) == pytest.approx(volume(truth), rel=0.01)
+
+
+@pytest.mark.parametrize("seed", [13, 17])
+def test_bores_of_two_spacings_stay(seed):
+    truth = moved(bracket(0.14, 0.12, 0.012, 0.1, [("a", 0.08, 0.05, 0.016), ("b", 0.07, 0.05, 0.014)], 0.0002), rotation(seed), np.zeros(3))
+    found = visibility(scanned(truth, 0.007, 0.0, seed=seed)[0])
+    assert surface_topology(found.mesh).n_handles == 2

@@ -137,7 +137,10 @@ def _with_walls(
     if more is None:
         return first
     n, k = len(cloud), len(more) - len(cloud)
-    found = _seen(more, options, np.concatenate([sensors, np.full((k, 3), np.nan)]), spacing_m)
+    try:
+        found = _seen(more, options, np.concatenate([sensors, np.full((k, 3), np.nan)]), spacing_m)
+    except ReconstructionError:  # the first surface is one, and says what is against it
+        return first
     if found is None or len(failed(found[0].checks)) >= len(failed(first.checks)):
         return first
     return _first_rows(replace(found[0], carried=more.points[n:], how={**found[0].how, "n_carried": k}), n)

@@ -10,7 +10,7 @@ from scan2fea.reconstruction import visibility
 from scan2fea.reconstruction.evidence import Evidence, at_least, at_most, scatter_m, wall_m
 from scan2fea.reconstruction.gates import failed, gates_seen
 from scan2fea.reconstruction.gates_surface import RIM_LOSS, SHEET, coverage, mean_curvature, merged, mixed, patch_moments, resolution, rims, sheet
-from scan2fea.reconstruction.hidden_volume import REACH, REACH_UNSEEN, hidden_volume
+from scan2fea.reconstruction.hidden_volume import REACH, REACH_UNSEEN, hidden_volume, hidden_volume_flat
 from scan2fea.types import PointCloud, Scan
 from scanned import DENSITY
 
@@ -149,6 +149,19 @@ def test_a_gap_counts_where_no_sight_line_tells_it_from_a_hole():
     bare = (2.9 - REACH_UNSEEN) * 0.06  # radius of what is bare, if points stood on the very border of the gap; they stand half a spacing off
     least, most = (0.5 * np.pi * radius**3 / volume(ball) for radius in (bare, bare + 0.03))
     assert least < hidden_volume(ball, gap, 0.06, REACH_UNSEEN).value < most
+
+
+def test_a_gap_inside_one_face_of_a_flat_solid_counts():
+    """Twelve triangles have no middle near it: a boss that nobody saw was lost."""
+    slab, h = box((1.0, 0.8, 0.3)), 0.02
+    points, normals = sampled(slab, h)
+    assert hidden_volume_flat(slab, points, h).value == 0.0
+    under = (normals[:, 2] > 0.5) & (np.abs(points[:, :2] - [0.25, 0.3]).max(axis=1) < 0.15)
+    assert hidden_volume(slab, points[~under], h).value == 0.0
+    least, most = ((side**2) ** 2 / (4 * side) / volume(slab) for side in (0.3 - 2 * REACH_UNSEEN * h, 0.3))
+    assert 0.8 * least < hidden_volume_flat(slab, points[~under], h).value < most  # the border runs along edges, which is longer
+    small = np.linalg.norm(points - [0.25, 0.3, 0.3], axis=1) < 2.5 * h  # what REACH does not tell from chance
+    assert hidden_volume_flat(slab, points[~small], h).value == 0.0
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.15])

@@ -17,7 +17,7 @@ from scan2fea.reconstruction.empty_places import empty_places
 from scan2fea.reconstruction.evidence import at_most, mm
 from scan2fea.reconstruction.gates import in_all
 from scan2fea.reconstruction.gates_surface import deviation, mean_curvature, stray
-from scan2fea.reconstruction.hidden_volume import hidden_volume
+from scan2fea.reconstruction.hidden_volume import hidden_volume_flat
 from scan2fea.reconstruction.plane_growing import Planes, tolerance_m
 from scan2fea.reconstruction.rounds import on_rounds
 from scan2fea.reconstruction.visibility import Reconstruction
@@ -78,7 +78,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, planes: 
         *_inherited(first),
         deviation(off, 2.5 * sigma + 0.125 * h),
         stray(measured, off, 3.0 * sigma + 0.5 * h),
-        hidden_volume(mesh, backed, h),
+        hidden_volume_flat(mesh, backed, h),
         bare_faces(mesh, cloud.points, scan.sensors(), h),
         empty_places(mesh, cloud.points),
     ]  # fmt: skip

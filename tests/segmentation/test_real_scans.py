@@ -67,3 +67,12 @@ def test_girder_and_brace_part_and_the_girders_hidden_joint_does_not_part_it():
     good = agreement(scan.cloud.label, found.labels)
     assert len(found.kinds) == 2
     assert good.iou.min() > 0.9
+
+
+@pytest.mark.parametrize("turn", [0, 45, 60, 90])
+def test_a_bent_profile_is_one_object_from_every_side(turn):
+    """At 90 degrees its broad face was taken for a floor on which a leg stood that is seen in part."""
+    scan = clean_up(read_scan(DATA / f"structural/steel_shape2/shape2_{turn}deg_filtered.pcd").scan).scan
+    found = segment_scene(scan)
+    assert found.kinds == ("object",)
+    assert (found.labels == 0).mean() > 0.995

@@ -175,6 +175,14 @@ def test_open_scans_are_no_support():
         assert found.kinds == ("object",)
 
 
+@pytest.mark.parametrize(("length", "is_floor"), [(0.44, True), (0.54, False)])
+def test_what_follows_half_of_a_border_is_a_leg_and_no_floor_is_left(length, is_floor):
+    """A bent profile of which a scanner saw the leg in part: the ends of the leg are not those of the plane, but the leg follows it."""
+    leg = seen_from_above(sampled(placed(shapes.box(length, 0.04, 0.1), (0.1, 0, 0))))
+    found, _ = segmented([covered(floor(1.0, 0.3), [leg]), leg])
+    assert ("support" in found.kinds) == is_floor
+
+
 def test_a_column_on_its_base_plate_is_one_object():
     plate = floor(0.3, 0.3)
     column = sampled(placed(shapes.rhs(0.1, 0.1, 0.02, 1.5), (0.1, 0.1, 0.0)))

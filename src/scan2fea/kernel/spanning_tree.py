@@ -1,9 +1,9 @@
 """The Euclidean minimum spanning tree of a cloud: what single linkage is made of (Gower and Ross 1969), without all pairs.
 
 Boruvka's rounds (1926): in each round every part finds the shortest edge that leaves it. The nearest few of each point serve most of them; a point
-that has all of these in its own part asks a tree of boxes (Bentley 1975). A box that lies wholly in that part, or farther than what the part already
-has, is passed over; the distance that a point found, or did not beat, stays a lower bound in later rounds, as the points outside its part only
-become fewer.
+that that has all of these in its own part asks a tree of boxes (Bentley 1975), together with the others of its leaf. A box that lies wholly in that part,
+or farther than what the part already has, is passed over; the distance that a point found, or did not beat, stays a lower bound in later rounds, as
+the points outside its part only become fewer.
 """
 
 from __future__ import annotations
@@ -67,26 +67,32 @@ def _parts(edges: IntArray, n: int) -> IntArray:
 
 
 @jit
-def _gap(points: FloatArray, p: int, boxes: FloatArray, node: int) -> float:
-    """Squared distance from a point to a box."""
-    total = 0.0
-    for axis in range(3):
-        away = max(boxes[node, axis] - points[p, axis], points[p, axis] - boxes[node, 3 + axis], 0.0)
-        total += away * away
-    return total
-
-
-@jit
 def _squared(points: FloatArray, p: int, q: int) -> float:
     return float((points[p, 0] - points[q, 0]) ** 2 + (points[p, 1] - points[q, 1]) ** 2 + (points[p, 2] - points[q, 2]) ** 2)
 
 
 @jit
-def _nearest_outside(
-    points: FloatArray, p: int, bound: float, part: IntArray, of_node: IntArray, boxes: FloatArray, levels: int, nodes: IntArray, gaps: FloatArray
-) -> tuple[int, float]:
-    """The nearest point of another part that is nearer than `bound` (squared), or -1; nodes, gaps: room for the walk."""
-    n, own, found, leaf0 = len(points), part[p], -1, (1 << levels) - 1
+def _box_gap(box: FloatArray, boxes: FloatArray, node: int) -> float:
+    """Squared distance of two boxes."""
+    total = 0.0
+    for axis in range(3):
+        away = max(boxes[node, axis] - box[3 + axis], box[axis] - boxes[node, 3 + axis], 0.0)
+        total += away * away
+    return total
+
+
+@jit
+def _outside_together(
+    points: FloatArray, asking: IntArray, bound: float, part: IntArray, of_node: IntArray, boxes: FloatArray, levels: int, nodes: IntArray, gaps: FloatArray
+) -> tuple[int, int, float]:
+    """Ends and square of the shortest edge that leaves the part of the asking points (m,) from one of them, or -1, -1 where it is not below `bound`."""
+    n, own, leaf0 = len(points), part[asking[0]], (1 << levels) - 1
+    box, p, q = np.empty(6), -1, -1
+    for axis in range(3):
+        box[axis], box[3 + axis] = np.inf, -np.inf
+        for i in range(len(asking)):
+            box[axis] = min(box[axis], points[asking[i], axis])
+            box[3 + axis] = max(box[3 + axis], points[asking[i], axis])
     nodes[0], gaps[0], top = 0, 0.0, 1
     while top > 0:
         top -= 1
@@ -94,20 +100,21 @@ def _nearest_outside(
         if gaps[top] >= bound or of_node[node] == own:
             continue
         if node >= leaf0:
-            for q in range((n * (node - leaf0)) >> levels, (n * (node - leaf0 + 1)) >> levels):
-                if part[q] != own:
-                    d = _squared(points, p, q)
-                    if d < bound:
-                        bound, found = d, q
+            for other in range((n * (node - leaf0)) >> levels, (n * (node - leaf0 + 1)) >> levels):
+                if part[other] != own:
+                    for i in range(len(asking)):
+                        d = _squared(points, asking[i], other)
+                        if d < bound:
+                            p, q, bound = asking[i], other, d
             continue
         near, far = 2 * node + 1, 2 * node + 2
-        one, two = _gap(points, p, boxes, near), _gap(points, p, boxes, far)
+        one, two = _box_gap(box, boxes, near), _box_gap(box, boxes, far)
         if two < one:
             near, far, one, two = far, near, two, one
         nodes[top], gaps[top] = far, two
         nodes[top + 1], gaps[top + 1] = near, one
         top += 2
-    return found, bound
+    return p, q, bound
 
 
 @jit
@@ -127,6 +134,13 @@ def _mark(part: IntArray, of_node: IntArray, levels: int) -> None:
 
 
 @jit
+def _offer(best: FloatArray, one: IntArray, two: IntArray, part: int, d: float, p: int, q: int) -> None:
+    """The edge from p, of that part, to q, if it is shorter (squared) than what the part has."""
+    if d < best[part]:
+        best[part], one[part], two[part] = d, p, q
+
+
+@jit
 def _boruvka(points: FloatArray, boxes: FloatArray, levels: int, far: FloatArray, near: IntArray) -> tuple[IntArray, FloatArray]:
     n, few = near.shape
     parent, part, lower, next_near = np.arange(n), np.arange(n), np.zeros(n), np.zeros(n, np.int64)
@@ -134,11 +148,13 @@ def _boruvka(points: FloatArray, boxes: FloatArray, levels: int, far: FloatArray
     nodes, gaps = np.zeros(levels + 2, np.int64), np.zeros(levels + 2)
     edges, squared = np.zeros((n - 1, 2), np.int64), np.zeros(n - 1)
     best, one, two = np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.int64)
+    leaf0 = (1 << levels) - 1
+    asking = np.zeros((n >> levels) + 2, np.int64)
     count = 0
     while count < n - 1:
         _mark(part, of_node, levels)
         best[:] = np.inf
-        for p in range(n):
+        for p in range(n):  # the cheap ones first: what they find bounds the walks below
             own = part[p]
             if lower[p] >= best[own]:
                 continue
@@ -146,16 +162,29 @@ def _boruvka(points: FloatArray, boxes: FloatArray, levels: int, far: FloatArray
                 next_near[p] += 1
             if next_near[p] < few:
                 q = near[p, next_near[p]]
-                d = _squared(points, p, q)
-            else:
-                q, d = -1, far[p, few - 1] ** 2 * (1.0 - 1e-14)  # no shorter edge leaves p, whatever the root has rounded
-                if d < best[own]:
-                    q, d = _nearest_outside(points, p, best[own], part, of_node, boxes, levels, nodes, gaps)
-            lower[p] = d
-            if q >= 0 and d < best[own]:
-                best[own], one[own], two[own] = d, p, q
-            if q >= 0 and d < best[part[q]]:
-                best[part[q]], one[part[q]], two[part[q]] = d, q, p
+                lower[p] = _squared(points, p, q)
+                _offer(best, one, two, own, lower[p], p, q)
+                _offer(best, one, two, part[q], lower[p], q, p)
+        for leaf in range(leaf0 + 1):
+            m = 0
+            for p in range((n * leaf) >> levels, (n * (leaf + 1)) >> levels):
+                if next_near[p] == few:
+                    lower[p] = max(lower[p], far[p, few - 1] ** 2 * (1.0 - 1e-14))  # no shorter edge leaves p, whatever the root has rounded
+                    if lower[p] < best[part[p]]:
+                        asking[m] = p
+                        m += 1
+            first = 0
+            while first < m:  # those of one part ask together
+                own, last = part[asking[first]], first + 1
+                while last < m and part[asking[last]] == own:
+                    last += 1
+                together = asking[first:last]
+                p, q, d = _outside_together(points, together, best[own], part, of_node, boxes, levels, nodes, gaps)
+                lower[together] = d
+                if q >= 0:
+                    _offer(best, one, two, own, d, p, q)
+                    _offer(best, one, two, part[q], d, q, p)
+                first = last
         for c in range(n):
             if part[c] == c and best[c] < np.inf and join(parent, c, part[two[c]]):
                 edges[count, 0], edges[count, 1], squared[count] = one[c], two[c], best[c]

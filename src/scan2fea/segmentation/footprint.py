@@ -105,6 +105,15 @@ def directions_beyond(part: BoolArray, plane: BoolArray) -> int:
     return count
 
 
+def share_along(part: BoolArray, plane: BoolArray) -> float:
+    """Length of the part over that of the plane, along the part's long axis. part, plane : masks of one grid."""
+    inside, on_plane = np.argwhere(part).astype(float), np.argwhere(plane).astype(float)
+    if len(inside) < 2 or not len(on_plane):
+        return 0.0
+    axis = np.linalg.svd(inside - inside.mean(axis=0), full_matrices=False)[2][0]
+    return float((np.ptp(inside @ axis) + 1.0) / (np.ptp(on_plane @ axis) + 1.0))
+
+
 def least_extent(plane: BoolArray, edge_m: float) -> float:
     """Smaller side of the box around the plane's cells along their own axes, m."""
     at = np.argwhere(plane).astype(float)

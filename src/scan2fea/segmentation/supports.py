@@ -7,7 +7,8 @@ are large planes too, so size decides nothing. What decides, for a plane of a co
 2. no body: what lies in front covers less than half of it. Every closed solid that a plane bounds casts its shadow on the whole plane;
 3. something stands on it that is not a mere ring, and the plane goes on beyond that thing in at least three of the four directions of its
    footprint's axes (the fourth may lie in the scanner's shadow; in all four where the plane itself stands on another support). The web
-   on a flange, the other leg of an angle run out at the ends of the plane;
+   on a flange, the other leg of an angle run out at the ends of the plane; where their ends were not seen they still follow the plane for
+   half its length or more, and what does that must be clear of it all round;
 4. the plane is at least as wide as that thing is tall: a column on its base plate is one object, a column on a floor is not part of it;
    Where nothing does because all that stands there is joined to walls, the same is asked once more with those walls (`walls`) apart;
 5. without a known sensor: no more than six tenths of the border of the plane are lined by walls going up (a box seen from outside with a
@@ -25,7 +26,17 @@ import numpy as np
 from scan2fea.kernel.near_tree import NearTree
 from scan2fea.kernel.neighbors import radius_components
 from scan2fea.kernel.threads import in_threads
-from scan2fea.segmentation.footprint import DIRECTIONS, border_share, directions_beyond, grid_on, is_covered, least_extent, standing_parts
+from scan2fea.segmentation.footprint import (
+    DIRECTIONS,
+    Standing,
+    border_share,
+    directions_beyond,
+    grid_on,
+    is_covered,
+    least_extent,
+    share_along,
+    standing_parts,
+)
 from scan2fea.segmentation.planes import Plane, PlaneFinder
 from scan2fea.segmentation.walls import wall_among
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
@@ -34,6 +45,7 @@ _BEHIND = 0.05
 _BODY = 0.5
 _LINED, _LINED_BUSY = 0.6, 0.75  # two walls of four line half of it, what leans in their corner a little more
 _PARALLEL = 0.95
+_FOLLOWS = 0.5  # of the plane's length
 _MOST = 8  # supports per scene
 
 
@@ -170,7 +182,7 @@ def carries(
         return False
     parts = standing_parts(points[~apart], height[~apart], plane.band_m, grid, radius_m, min_points)
     width = least_extent(floor, grid.edge_m)
-    stands = [directions_beyond(part.cells, floor) >= directions and part.height_m <= width for part in parts]
+    stands = [_is_clear(part, floor, directions) and part.height_m <= width for part in parts]
     if not any(ok and is_covered(part.cells) for ok, part in zip(stands, parts, strict=True)):
         return False
     lining = grid.occupied(points[apart & above])
@@ -178,3 +190,9 @@ def carries(
         lining |= part.cells & (not ok)
     n_clear = sum(ok and is_covered(part.cells) for ok, part in zip(stands, parts, strict=True))
     return is_seen or border_share(floor, lining) < (_LINED if n_clear < 2 else _LINED_BUSY)
+
+
+def _is_clear(part: Standing, floor: BoolArray, directions: int) -> bool:
+    """Whether the floor (cells) goes on beyond a part in that many directions, in all four where the part follows it as a leg its flange."""
+    beyond = directions_beyond(part.cells, floor)
+    return beyond >= directions and (beyond == DIRECTIONS or share_along(part.cells, floor) < _FOLLOWS)

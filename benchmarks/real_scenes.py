@@ -2,9 +2,9 @@
 
     python benchmarks/real_scenes.py [WORD ...] [-o FOLDER]          WORD: only scans whose path holds one of them
 
-Truth: the labels of the file (pc2beam); the CAD at the pose that the file's name gives, within 15 mm of it and clear of the table (steel_tee: that pose
-is 8 mm off, NOTES.md); a footprint (city3d/001: what stands in it is the building); one body, where the file was cut out to hold nothing else. The
-pictures are FOLDER/NAME/segments.png: look at them, a figure does not tell what is missing from the truth.
+Truth: the labels of the file (pc2beam); the CAD at the pose that the file's name gives, within 15 mm of it and clear of the table (steel_tee: that
+pose is 8 mm off, NOTES.md); a footprint (city3d/001: what stands in it is the building); one body, where the file was cut out to hold nothing else.
+The pictures are FOLDER/NAME/segments.png: look at them, a figure does not tell what is missing from the truth.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The Euclidean minimum spanning tree of a cloud: what single linkage is made of (Gower and Ross 1969), without all pairs.
 
 Boruvka's rounds (1926): in each round every part finds the shortest edge that leaves it. The nearest few of each point serve most of them; a point
-that that has all of these in its own part asks a tree of boxes (Bentley 1975), together with the others of its leaf. A box that lies wholly in that part,
-or farther than what the part already has, is passed over; the distance that a point found, or did not beat, stays a lower bound in later rounds, as
+that that has all of these in its own part asks a tree of boxes (Bentley 1975), with the others of its leaf. A box that lies wholly in that part, or
+farther than what the part already has, is passed over; the distance that a point found, or did not beat, stays a lower bound in later rounds, as
 the points outside its part only become fewer.
 """
 
@@ -16,7 +16,7 @@ from scan2fea.errors import InternalError, require
 from scan2fea.kernel.jit import jit
 from scan2fea.kernel.near_tree import NearTree, near_tree, nearest_of_leaves
 from scan2fea.kernel.union_find import join, root
-from scan2fea.types import FloatArray, IntArray
+from scan2fea.types import BoolArray, FloatArray, IntArray
 
 _FEW = 8  # neighbours of each point that are looked at before the tree is asked
 
@@ -83,9 +83,17 @@ def _box_gap(box: FloatArray, boxes: FloatArray, node: int) -> float:
 
 @jit
 def _outside_together(
-    points: FloatArray, asking: IntArray, bound: float, part: IntArray, of_node: IntArray, boxes: FloatArray, levels: int, nodes: IntArray, gaps: FloatArray
+    points: FloatArray,
+    asking: IntArray,
+    bound: float,
+    part: IntArray,
+    of_node: IntArray,
+    boxes: FloatArray,
+    levels: int,
+    nodes: IntArray,
+    gaps: FloatArray,
 ) -> tuple[int, int, float]:
-    """Ends and square of the shortest edge that leaves the part of the asking points (m,) from one of them, or -1, -1 where it is not below `bound`."""
+    """Ends and square of the shortest edge from one of the asking points (m,) to another part than theirs; -1, -1 where none is below `bound`."""
     n, own, leaf0 = len(points), part[asking[0]], (1 << levels) - 1
     box, p, q = np.empty(6), -1, -1
     for axis in range(3):
@@ -118,9 +126,9 @@ def _outside_together(
 
 
 @jit
-def _mark(part: IntArray, of_node: IntArray, levels: int) -> None:
+def _parts_of_nodes(part: IntArray, n_nodes: int, levels: int) -> IntArray:
     """The part that all points of each node belong to, -1 where there are several."""
-    n, leaf0 = len(part), (1 << levels) - 1
+    n, leaf0, of_node = len(part), (1 << levels) - 1, np.full(n_nodes, -1)
     for leaf in range(leaf0 + 1):
         first, stop = (n * leaf) >> levels, (n * (leaf + 1)) >> levels
         of_node[leaf0 + leaf] = part[first]
@@ -131,6 +139,7 @@ def _mark(part: IntArray, of_node: IntArray, levels: int) -> None:
     for node in range(leaf0 - 1, -1, -1):
         a, b = of_node[2 * node + 1], of_node[2 * node + 2]
         of_node[node] = a if a == b else -1
+    return of_node
 
 
 @jit
@@ -141,50 +150,72 @@ def _offer(best: FloatArray, one: IntArray, two: IntArray, part: int, d: float, 
 
 
 @jit
+def _ask_near(
+    points: FloatArray, near: IntArray, next_near: IntArray, lower: FloatArray, part: IntArray, best: FloatArray, one: IntArray, two: IntArray
+) -> None:
+    """Offer to each part the edges to the nearest few neighbours: what they give bounds the walks of those that have none left."""
+    few = near.shape[1]
+    for p in range(len(points)):
+        own = part[p]
+        if lower[p] >= best[own]:
+            continue
+        while next_near[p] < few and part[near[p, next_near[p]]] == own:
+            next_near[p] += 1
+        if next_near[p] < few:
+            q = near[p, next_near[p]]
+            lower[p] = _squared(points, p, q)
+            _offer(best, one, two, own, lower[p], p, q)
+            _offer(best, one, two, part[q], lower[p], q, p)
+
+
+@jit
+def _ask_far(
+    points: FloatArray,
+    boxes: FloatArray,
+    levels: int,
+    asks: BoolArray,
+    lower: FloatArray,
+    part: IntArray,
+    best: FloatArray,
+    one: IntArray,
+    two: IntArray,
+) -> None:
+    """Offer to each part the shortest edges of the points that ask (n,) and could shorten what it has; those of one leaf and part at once."""
+    n, of_node = len(points), _parts_of_nodes(part, len(boxes), levels)
+    nodes, gaps = np.zeros(levels + 2, np.int64), np.zeros(levels + 2)
+    asking = np.zeros((n >> levels) + 2, np.int64)
+    for leaf in range(1 << levels):
+        m, last = 0, (n * (leaf + 1)) >> levels
+        for p in range((n * leaf) >> levels, last):
+            own = part[p]
+            if asks[p] and lower[p] < best[own]:
+                asking[m] = p
+                m += 1
+            if m > 0 and (p == last - 1 or part[p + 1] != part[asking[0]]):
+                own = part[asking[0]]
+                q, r, d = _outside_together(points, asking[:m], best[own], part, of_node, boxes, levels, nodes, gaps)
+                lower[asking[:m]] = d
+                if r >= 0:
+                    _offer(best, one, two, own, d, q, r)
+                    _offer(best, one, two, part[r], d, r, q)
+                m = 0
+
+
+@jit
 def _boruvka(points: FloatArray, boxes: FloatArray, levels: int, far: FloatArray, near: IntArray) -> tuple[IntArray, FloatArray]:
     n, few = near.shape
     parent, part, lower, next_near = np.arange(n), np.arange(n), np.zeros(n), np.zeros(n, np.int64)
-    of_node = np.full(len(boxes), -1)
-    nodes, gaps = np.zeros(levels + 2, np.int64), np.zeros(levels + 2)
     edges, squared = np.zeros((n - 1, 2), np.int64), np.zeros(n - 1)
-    best, one, two = np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.int64)
-    leaf0 = (1 << levels) - 1
-    asking = np.zeros((n >> levels) + 2, np.int64)
+    best, one, two, asks = np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.bool_)
     count = 0
     while count < n - 1:
-        _mark(part, of_node, levels)
         best[:] = np.inf
-        for p in range(n):  # the cheap ones first: what they find bounds the walks below
-            own = part[p]
-            if lower[p] >= best[own]:
-                continue
-            while next_near[p] < few and part[near[p, next_near[p]]] == own:
-                next_near[p] += 1
-            if next_near[p] < few:
-                q = near[p, next_near[p]]
-                lower[p] = _squared(points, p, q)
-                _offer(best, one, two, own, lower[p], p, q)
-                _offer(best, one, two, part[q], lower[p], q, p)
-        for leaf in range(leaf0 + 1):
-            m = 0
-            for p in range((n * leaf) >> levels, (n * (leaf + 1)) >> levels):
-                if next_near[p] == few:
-                    lower[p] = max(lower[p], far[p, few - 1] ** 2 * (1.0 - 1e-14))  # no shorter edge leaves p, whatever the root has rounded
-                    if lower[p] < best[part[p]]:
-                        asking[m] = p
-                        m += 1
-            first = 0
-            while first < m:  # those of one part ask together
-                own, last = part[asking[first]], first + 1
-                while last < m and part[asking[last]] == own:
-                    last += 1
-                together = asking[first:last]
-                p, q, d = _outside_together(points, together, best[own], part, of_node, boxes, levels, nodes, gaps)
-                lower[together] = d
-                if q >= 0:
-                    _offer(best, one, two, own, d, p, q)
-                    _offer(best, one, two, part[q], d, q, p)
-                first = last
+        _ask_near(points, near, next_near, lower, part, best, one, two)
+        for p in range(n):
+            if next_near[p] == few and not asks[p]:
+                asks[p] = True
+                lower[p] = max(lower[p], far[p, few - 1] ** 2 * (1.0 - 1e-14))  # no shorter edge leaves p, whatever the root has rounded
+        _ask_far(points, boxes, levels, asks, lower, part, best, one, two)
         for c in range(n):
             if part[c] == c and best[c] < np.inf and join(parent, c, part[two[c]]):
                 edges[count, 0], edges[count, 1], squared[count] = one[c], two[c], best[c]

@@ -385,6 +385,7 @@ class Member(Value):
     families : family -> posterior probability.   damage : significant places only.   change : of the section along the axis, None for a prism.
     inside : "solid", "hollow", or "unknown" where neither a face from within nor an end told a bar from a tube.
     told_toes : faces that end a wall, were not seen, and are known by a mirror image that was.
+    reached : faces that were not seen and are known by where both their neighbours stop.
     """
 
     family: str
@@ -404,6 +405,7 @@ class Member(Value):
     change: SectionChange | None = None
     inside: str = "unknown"
     told_toes: tuple[str, ...] = ()
+    reached: tuple[str, ...] = ()
 
     def values(self) -> dict[str, float]:
         """Every dimension by name, metres."""

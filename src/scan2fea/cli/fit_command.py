@@ -72,6 +72,8 @@ def _facts(member: Member) -> list[tuple[str, str]]:
     rows.append(("faces", f"{len(member.seen) - len(unseen)} of {len(member.seen)} seen" + (f"; not seen: {', '.join(unseen)}" if unseen else "")))
     if member.told_toes:
         rows.append(("", f"told by their mirror image: {', '.join(member.told_toes)}"))
+    if member.reached:
+        rows.append(("", f"told by where their neighbours stop: {', '.join(member.reached)}"))
     if member.inside == "unknown":
         rows.append(("inside", "solid or hollow: neither an inner face nor a cap was seen"))
     for k, d in enumerate(member.damage[:SHOWN]):

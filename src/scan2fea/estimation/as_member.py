@@ -15,9 +15,10 @@ from scan2fea.estimation.cap_law import across
 from scan2fea.estimation.ends import Ends, find_ends
 from scan2fea.estimation.explain import Explanation
 from scan2fea.estimation.fit import SectionFit
-from scan2fea.estimation.observability import KERNEL_SPREAD, RESOLVED
+from scan2fea.estimation.observability import KERNEL_SPREAD, RELATIVE, RESOLVED, thickness_observable
 from scan2fea.estimation.outline import outline_distance
-from scan2fea.estimation.swept import Sweep
+from scan2fea.estimation.reach import Reach
+from scan2fea.estimation.swept import Sweep, sweep_of_member
 from scan2fea.estimation.two_sided import blended
 from scan2fea.kernel.pinned import SEEN, pinned
 from scan2fea.kernel.section_likelihood import face_lengths
@@ -124,6 +125,31 @@ def member_of(sweep: Sweep, fit: SectionFit, ends: Ends, fixed: Mapping[str, flo
     )
 
 
+def with_reach(member: Member, fit: SectionFit, found: Reach) -> tuple[Sweep, SectionFit]:
+    """The sweep of the member and the fit with what hidden faces, told by their neighbours, make of its section. The fit's theta stays as it was.
+
+    What two seen faces fix keeps its standard deviation where that is wider.
+    """
+    own = np.sqrt(np.maximum(np.diag(found.covariance), 0.0))
+    n = len(fit.names)
+    new = np.array([name in found.told for name in fit.names])
+    std = np.where(new, own, np.maximum(own, fit.std))
+    covariance = np.array(fit.covariance)
+    covariance[:n, :n] = found.covariance * np.outer(*[std / np.where(own > 0, own, 1.0)] * 2)
+    observable, why = dict(fit.observable), dict(fit.why)
+    for k, name in enumerate(fit.names):
+        if name not in found.told:
+            continue
+        wall = name in walls(fit.family)
+        ok, reason = thickness_observable(found.values[k], own[k], fit.sigma_m) if wall else (own[k] < RELATIVE * found.values[k], "")
+        observable[name] = bool(ok)
+        why = {key: text for key, text in why.items() if key != name} | ({name: reason} if reason else {})
+    T = np.array(sweep_of_member(member).T_world_frame)
+    T[:3, 3] += T[:3, :2] @ found.shift_m
+    sweep = dataclasses.replace(sweep_of_member(member), T_world_frame=T)
+    return sweep, dataclasses.replace(fit, values=found.values, std=std, covariance=covariance, observable=observable, why=why)
+
+
 def blind_plate(fit: SectionFit, name: str) -> bool:
     """A sheet thinner than two sigma may have been seen from one side only: what looks like its thickness may be the law of the noise."""
     return fit.family == "rect" and fit.value(name) < RESOLVED * fit.sigma_m if name in fit.names else False
@@ -132,7 +158,7 @@ def blind_plate(fit: SectionFit, name: str) -> bool:
 def honest(points: FloatArray, member: Member, options: MemberOptions) -> tuple[Member, Mapping[str, str]]:
     """The member without the dimensions that rest on how far a face reaches, or on a wall that may be one face; and why each is not observable."""
     seen = [name for name, share in member.seen.items() if share >= SEEN]
-    fixed = pinned(member.family, seen)
+    fixed = pinned(member.family, [*seen, *member.reached])
     one_face = blended(points, member, seen) if options.sigma_m is None else frozenset()
     fitted = [p.name for p in member.parameters if p.name != "length" and p.source == "fitted" and p.observable]
     why = {name: _REACH if name not in fixed else BLENDED for name in fitted if name not in fixed or name in one_face}

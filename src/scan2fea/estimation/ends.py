@@ -70,6 +70,30 @@ class Ends(Value):
     std_m: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class RunEnd:
+    """Where a run of points ends: edge_m and its standard deviation.   rho : points per metre before it.   beyond : density beyond over rho."""
+
+    edge_m: float
+    std_m: float
+    rho: float
+    beyond: float
+
+
+def run_end(places: FloatArray, sigma_m: float, start_m: float, cap_m: float = 0.0) -> RunEnd:
+    """The upper end of points (n,) that are spread evenly from start_m (others were left out) up to there, blurred by noise, among strays.
+
+    cap_m : points of another face that lie at the end, over rho. Without noise the last of rho points per metre leaves an exponential 1 / rho bare
+    (the law of extremes); counts that scatter more than Poisson's widen it.
+    """
+    z = -places
+    density = max(len(z), 1) / max(float(np.ptp(z)), 1e-300)
+    s = max(sigma_m, 1e-3 / density)
+    fit = _square(z, s, max(_WINDOW * s, _WINDOW_POINTS / density), float(z.min()), [cap_m], -start_m)[0]
+    excess = _excess(z[z > fit.edge], fit.edge, -start_m)
+    return RunEnd(edge_m=-fit.edge, std_m=math.sqrt(excess) * fit.std, rho=fit.rho, beyond=fit.clutter / max(fit.rho, 1e-300))
+
+
 def rough_ends(z: FloatArray) -> tuple[float, float]:
     """The stretch of z (n,) that the member fills, told from clutter by density: good to about a hundredth of the length.
 
@@ -242,8 +266,11 @@ class _Fit:
     log_likelihood: float
 
 
-def _square(z: FloatArray, s: float, reach: float, near: float, caps: list[float]) -> tuple[_Fit, ...]:
-    """The edge of a square end under each cap of `cap_ratios`: found roughly among all points, then from a window of `reach` around it, twice."""
+def _square(z: FloatArray, s: float, reach: float, near: float, caps: list[float], last: float = math.inf) -> tuple[_Fit, ...]:
+    """The edge of a square end under each cap of `cap_ratios`: found roughly among all points, then from a window of `reach` around it, twice.
+
+    last : where the points beyond were left out.
+    """
     low, high = float(z.min()), float(z.max())
     at, weight = _binned(z, (low - s, high), (high - low) / 300)
     candidates = np.unique(np.quantile(z, np.linspace(0.0, 0.7, 80)))
@@ -251,7 +278,7 @@ def _square(z: FloatArray, s: float, reach: float, near: float, caps: list[float
     edge = float(candidates[int(np.argmax(_profile(at, weight, (low - s, high), wide, candidates, 0.0)[0]))])
     fits = (_unknown(near, reach, len(z) / reach, (low, high)),) * len(caps)
     for width, tried in ((max(reach, 4 * wide), caps[:2]), (reach, caps)):
-        window = (edge - width, edge + width)
+        window = (edge - width, min(edge + width, last))
         own = z[(z > window[0]) & (z < window[1])]
         if len(own) < 8:
             break

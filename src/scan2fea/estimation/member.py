@@ -15,10 +15,11 @@ import numpy as np
 from scan2fea.errors import EstimationError, InputError, UsageError, require
 from scan2fea.estimation.along_axis import MemberOptions as MemberOptions
 from scan2fea.estimation.along_axis import freed, likeliest
-from scan2fea.estimation.as_member import BLENDED, blind_plate, ends_of, honest, member_of, near_section, seen_faces, significant
+from scan2fea.estimation.as_member import BLENDED, blind_plate, ends_of, honest, member_of, near_section, seen_faces, significant, with_reach
 from scan2fea.estimation.axis import Axis, axes_of
 from scan2fea.estimation.caps import HOLLOW, SOLID, ends_show, inside_of
 from scan2fea.estimation.changing import changing, is_better
+from scan2fea.estimation.continued import continued
 from scan2fea.estimation.ends import Ends, rough_ends
 from scan2fea.estimation.explain import MIN_SLENDER, Explanation, explanation
 from scan2fea.estimation.fit import MIN_POINTS, SectionFit
@@ -27,6 +28,7 @@ from scan2fea.estimation.given import Given, Told, compared, joint_p_value, told
 from scan2fea.estimation.mirrored import told_toes
 from scan2fea.estimation.prismatic import is_prismatic
 from scan2fea.estimation.ray_voids import in_sheets
+from scan2fea.estimation.reach import reach
 from scan2fea.estimation.rim import BAR_OF, hollow, is_unsure, with_rim
 from scan2fea.estimation.swept import Sweep, sweep_of
 from scan2fea.estimation.systematic import even_spacing, face_error, thinned_spacing, widened
@@ -51,7 +53,7 @@ class MemberFit(Value):
     """A member and how far it explains the points.
 
     explains : whether it does, within their noise; `reason` says why or why not, `explanation` holds the figures.
-    sag_m, sag_std_m : (2,) mid-length departure from the chord in the section's x and y, before anything insignificant is set to zero.
+    sag_m, sag_std_m : (2,) mid-length departure from the chord between the ends in the section's x and y, before anything insignificant is set to zero.
     length_std_m : of the distance between the end planes on the axis.   section : the fit it came from, in `axis`.   ends : in the member's frame.
     p_fixed : probability of data as far from the fixed dimensions as these if those were true; None where none was fixed or the points tell none.
     given : each fixed or nominal dimension beside what the points say of it.
@@ -198,19 +200,26 @@ def _swept(
         if fit.family == "RHS":
             sweep = dataclasses.replace(sweep, roll=np.r_[sweep.roll[0] + math.pi / 2, sweep.roll[1:]])
             sag, sag_std = np.array([sag[1], -sag[0]]), sag_std[::-1].copy()
+    used_m = sweep.span[1] - sweep.span[0]  # of the length: without the ends, which the noise blurs
     rough = rough_ends(coordinates[near_section(coordinates, fit), 2])
     sweep = sweep.rebased(*rough)
     one = _between_ends(points, sweep, fit, options, fixed)
     if one.wall_m is not None:  # the rim tells how many points the end faces hold
         one = _between_ends(points, sweep, fit, options, fixed, one.wall_m)
+    hidden = reach(points, one.member) if one.told.explains and not fixed else None
+    if hidden is not None:
+        sweep, fit = with_reach(one.member, fit, hidden)
+        one = _between_ends(points, sweep, fit, options, fixed, one.wall_m, hidden.faces)
+    more = continued(points, one.member) if one.told.explains else ""
+    told = dataclasses.replace(one.told, explains=False, reason=more) if more else one.told
     p_fixed, given = _tested(fixed, told_free, fit.family, one.ends)
     return MemberFit(
         member=one.member,
-        explains=one.told.explains,
-        reason=one.told.reason,
-        explanation=one.told,
-        sag_m=sag,
-        sag_std_m=sag_std,
+        explains=told.explains,
+        reason=told.reason,
+        explanation=told,
+        sag_m=sag * (one.ends.length_m / used_m) ** 2,
+        sag_std_m=sag_std * (one.ends.length_m / used_m) ** 2,
         axis=axis,
         section=fit,
         ends=one.ends,
@@ -234,9 +243,18 @@ class _Closed(Value):
 
 
 def _between_ends(
-    points: FloatArray, sweep: Sweep, fit: SectionFit, options: MemberOptions, fixed: Mapping[str, float], wall_m: float | None = None
+    points: FloatArray,
+    sweep: Sweep,
+    fit: SectionFit,
+    options: MemberOptions,
+    fixed: Mapping[str, float],
+    wall_m: float | None = None,
+    reached: tuple[str, ...] = (),
 ) -> _Closed:
-    """The ends of a sweep, the test, and what of the dimensions is observable. wall_m : of a tube, known from its rim."""
+    """The ends of a sweep, the test, and what of the dimensions is observable.
+
+    wall_m : of a tube, known from its rim.   reached : hidden faces that are told all the same.
+    """
     ends = ends_of(sweep.coordinates(points), fit, sweep.span, wall_m)
     low, high = (end.position_m - float(end.slope @ end.pivot) for end in (ends.low, ends.high))
     require(high > low, EstimationError, "the ends of the member cannot be told apart")
@@ -245,7 +263,7 @@ def _between_ends(
     sweep = sweep.rebased(low, high)
     member = member_of(sweep, fit, ends, fixed)
     told = explanation(points, member, fit.sigma_m, options.seed)
-    member = dataclasses.replace(member, seen=seen_faces(fit, told))
+    member = dataclasses.replace(member, seen=seen_faces(fit, told), reached=reached)
     off_m = face_error(told.pattern_m, told.p_value, fit.sigma_m)
     area = (high - low) * float(face_lengths(fit.family, fit.values) @ np.array([member.seen[name] >= SEEN for name in faces(fit.family)]))
     pitch = max(thinned_spacing(points, options.seed), even_spacing(sweep.coordinates(points)[:, 2], (0.0, high - low), fit.sigma_m, area))

@@ -32,6 +32,7 @@ def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Giv
         "seen": dict(member.seen),
         "inside": member.inside,
         "told_toes": list(member.told_toes),
+        "reached": list(member.reached),
         "p_fixed": p_fixed,
         "given": [
             {

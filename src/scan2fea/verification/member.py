@@ -46,9 +46,12 @@ def _is_open_bar(member: Member) -> bool:
 
 
 def open_walls(member: Member) -> int:
-    """How many walls end where no face that ends them was seen: the scan may have ended there, not the wall. A mirror image may tell a toe."""
-    groups = TOES.get(member.family, ())
-    return sum(all(member.seen.get(name, 1.0) < SEEN and name not in member.told_toes for name in group) for group in groups)
+    """How many walls end where no face that ends them was seen: the scan may have ended there, not the wall.
+
+    Its mirror image may tell a toe, or where both its neighbours stop.
+    """
+    told = {name for name, share in member.seen.items() if share >= SEEN} | {*member.told_toes, *member.reached}
+    return sum(all(name in member.seen and name not in told for name in group) for group in TOES.get(member.family, ()))
 
 
 def walls_in_noise(member: Member) -> int:

@@ -1,0 +1,181 @@
+"""A face that was not seen, told by where its two neighbours stop.
+
+That one face ends somewhere is no evidence: the scan may end there. That both neighbours of a hidden face end in one line along the member, and just
+as far as each other, is: a cut or a shadow at any other angle to the section would end them at different places. So the angle at which a cut would
+look the same must be small (`_CHANCE` of all angles), which neighbours far apart or sharp ends give, and a plane across one of the file's own axes
+tells nothing, for a box may have been cut out there. What stays open: something flat and square to the section that hides the end of a
+wall on both sides, such as a slab that a web stands in.
+
+The place of such an end is that of a run of points (`ends.run_end`): rho of them per metre leave 1 / rho bare beyond the last one in the mean, noise
+sigma blurs it to (sigma / 0.9 rho)^(1/2); both come out of one posterior, and no likelihood of the whole section is asked, which knows a
+needle by its climb and not by its width. No such place is known better than to the spacing 1 / rho of the points along one face.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import chdtrc, gammaincc
+
+from scan2fea.estimation.ends import RunEnd, run_end
+from scan2fea.estimation.straight import Face, straight_faces
+from scan2fea.estimation.swept import sweep_of_member
+from scan2fea.kernel.pinned import SEEN, pinned
+from scan2fea.kernel.section_likelihood import face_lengths, faces
+from scan2fea.kernel.sections import PARAMETERS, ROUND
+from scan2fea.types import FloatArray, Member, Value
+
+_CHANCE = 0.03  # of all angles of a cut, at which the two neighbours would end as far as each other
+_AGREE = 3.0  # standard deviations
+_SQUARE = math.sin(math.radians(1.0))  # to an axis of the file, beside what the ends leave open
+_BAND_SIGMAS, _BAND_SIZE = 4.0, 1e-3  # about a face: its points, exact ones too (of the section's size)
+_MOST_BEYOND = 0.1  # density beyond the end over that before it: more is a face that goes on
+_CORNER = 0.1  # of a face, at its other end
+_LEAST = 50  # points of a run
+_SLICES, _SLICE_POINTS = 6, 60  # along the member
+_UNEVEN = 1e-3  # probability of slices that end so unlike each other
+_ROWS = 8.0  # a gap among n points is wider than (log n + 8) / rho by chance in 3e-4
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Reach(Value):
+    """What hidden faces that are told make of a section.
+
+    faces : their names.   values, covariance : (p,), (p, p) of the dimensions in the order of the family.   shift_m : (2,) of the section's origin,
+    in its own frame.   told : dimensions that the faces told, and they alone, fix.
+    """
+
+    faces: tuple[str, ...]
+    values: FloatArray
+    covariance: FloatArray
+    shift_m: FloatArray
+    told: frozenset[str]
+
+
+def reach(points: FloatArray, member: Member) -> Reach | None:
+    """The section with the hidden faces that their neighbours tell; None where none is missing or none is told. points : (n, 3), metres."""
+    if member.family in ROUND or member.twist.any():
+        return None
+    seen = {name for name, share in member.seen.items() if share >= SEEN}
+    local = sweep_of_member(member).coordinates(points)
+    margin = max(_BAND_SIGMAS * member.sigma_m, 1e-3 * member.values()["length"])
+    local = local[(local[:, 2] > margin) & (local[:, 2] < member.values()["length"] - margin)]
+    ends: dict[str, RunEnd] = {}
+    for before, face, after in _hidden(member, seen):
+        end = _told(local, member, before, face, after)
+        if end is not None:
+            ends[face.name] = end
+    return _solved(member, seen, ends, len(local)) if ends else None
+
+
+def _hidden(member: Member, seen: set[str]) -> Iterator[tuple[Face, Face, Face]]:
+    """Every face of the outline that was not seen though both its neighbours were, which it overtops at both corners, between them."""
+    loop = straight_faces(member)[0]
+    for i, face in enumerate(loop):
+        before, after = loop[i - 1], loop[(i + 1) % len(loop)]
+        convex = before.outward == -after.outward and (after.place - before.place) * after.outward > 0
+        if convex and face.name not in seen and {before.name, after.name} <= seen:
+            yield before, face, after
+
+
+def _told(local: FloatArray, member: Member, before: Face, face: Face, after: Face) -> RunEnd | None:
+    """Where the hidden face lies against where the fit has it, outward; None where its neighbours do not tell."""
+    apart, sigma = abs(after.place - before.place), member.sigma_m
+    if apart < 2 * _BAND_SIGMAS * sigma:
+        return None
+    one, two = (_run(local, member, neighbour, face, 0.45 * apart) for neighbour in (before, after))
+    ends = None if one is None or two is None else (_end(one, sigma), _end(two, sigma))
+    if one is None or two is None or ends is None or ends[0] is None or ends[1] is None:
+        return None
+    doubt = _AGREE * math.hypot(ends[0].std_m, ends[1].std_m)
+    if abs(ends[0].edge_m - ends[1].edge_m) > doubt or 4 * doubt / (math.pi * apart) > _CHANCE:
+        return None
+    normal = np.asarray(member.T_world_member)[:3, face.axis]
+    if np.abs(normal).max() > math.sqrt(1 - min(_SQUARE + doubt / apart, 0.5) ** 2):
+        return None
+    both, start = np.r_[one.out, two.out], max(one.start, two.start)
+    end = run_end(both[both > start], sigma, start)
+    return replace(end, std_m=max(end.std_m, 1 / ends[0].rho, 1 / ends[1].rho))  # an exponential law's tail is longer than Gauss's
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Run:
+    """Points of a face: out (n,) m outward of where the fit has the hidden face, from `start` on; z (n,) along the member."""
+
+    out: FloatArray
+    z: FloatArray
+    start: float
+
+
+def _run(local: FloatArray, member: Member, neighbour: Face, face: Face, most: float) -> _Run | None:
+    """The points of a neighbour, from near its other corner to as far beyond the hidden face; None where that leaves too little of it."""
+    size = max(member.values()[name] for name in PARAMETERS[member.family])
+    band = min(max(_BAND_SIGMAS * member.sigma_m, _BAND_SIZE * size), most)
+    width = neighbour.high - neighbour.low
+    start = max(_CORNER * width, _BAND_SIGMAS * member.sigma_m) - width
+    if start > -0.5 * width:
+        return None
+    out = face.outward * (local[:, face.axis] - face.place)
+    own = (np.abs(local[:, neighbour.axis] - neighbour.place) < band) & (out > start) & (out < width)
+    return _Run(out=out[own], z=local[own, 2], start=start)
+
+
+def _end(run: _Run, sigma_m: float) -> RunEnd | None:
+    """Where a run ends outward: the same all along the member, densely up to there and empty beyond; None where it does not."""
+    if len(run.out) < _LEAST:
+        return None
+    whole = run_end(run.out, sigma_m, run.start)
+    inside = np.sort(run.out[run.out <= whole.edge_m])
+    if whole.beyond > _MOST_BEYOND or len(inside) < _LEAST / 2:
+        return None
+    if float(np.diff(inside).max()) > (math.log(len(inside)) + _ROWS) / whole.rho:
+        return None
+    return whole if _is_even(run, whole, sigma_m) else None
+
+
+def _is_even(run: _Run, whole: RunEnd, sigma_m: float) -> bool:
+    """Whether stretches of the member end alike: a shadow seldom runs along it."""
+    n_slices = min(_SLICES, len(run.out) // _SLICE_POINTS)
+    if n_slices < 2:
+        return False
+    low, high = float(run.z.min()), float(run.z.max())
+    at = np.clip(((run.z - low) / (high - low) * n_slices).astype(int), 0, n_slices - 1)
+    parts = [run_end(run.out[at == k], sigma_m, run.start) for k in range(n_slices) if (at == k).sum() >= _SLICE_POINTS / 3]
+    if len(parts) < 0.75 * n_slices:
+        return False
+    off = sum(abs(part.edge_m - whole.edge_m) / part.std_m for part in parts)
+    return float(gammaincc(len(parts), off)) > _UNEVEN  # what the last point leaves bare is exponential
+
+
+def _solved(member: Member, seen: set[str], ends: dict[str, RunEnd], n_points: int) -> Reach | None:
+    """Dimensions and place of the section of which the seen faces stay where they are and the told ones lie where their neighbours stop.
+
+    Weighted least squares; a seen face is known as well as the mean of its points. None where the told faces contradict what is known.
+    """
+    names = PARAMETERS[member.family]
+    values = np.array([member.values()[name] for name in names])
+    length = dict(zip(faces(member.family), face_lengths(member.family, values), strict=True))
+    total = sum(length[name] * share for name, share in member.seen.items())
+    rows, aims, stds = [], [], []
+    for face in (one for loop in straight_faces(member) for one in loop):
+        if face.name in seen:
+            n_own = max(n_points * length[face.name] * member.seen[face.name] / total, 1.0)
+            aims.append(0.0)
+            stds.append(max(member.sigma_m / math.sqrt(n_own), 1e-7 * float(values.max())))
+        elif face.name in ends:
+            aims.append(face.outward * ends[face.name].edge_m)
+            stds.append(ends[face.name].std_m)
+        else:
+            continue
+        rows.append([*face.factors, float(face.axis == 0), float(face.axis == 1)])
+    weighted, aim = np.array(rows) / np.array(stds)[:, None], np.array(aims) / np.array(stds)
+    step = np.linalg.lstsq(weighted, aim, rcond=None)[0]
+    left = len(aim) - int(np.linalg.matrix_rank(weighted))
+    if left > 0 and chdtrc(left, float(((aim - weighted @ step) ** 2).sum())) < _UNEVEN:
+        return None
+    covariance = np.linalg.pinv(weighted.T @ weighted)[: len(names), : len(names)]
+    told = pinned(member.family, seen | set(ends)) - pinned(member.family, seen)
+    return Reach(faces=tuple(ends), values=values + step[: len(names)], covariance=covariance, shift_m=step[len(names) :], told=told)

@@ -1,0 +1,161 @@
+"""A face that nobody saw: told by where both its neighbours stop, and only where a cut would hardly stop them so."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.made import SIZES, made
+from scan2fea.estimation.ends import run_end
+from scan2fea.estimation.member import MemberOptions, fit_member
+from scan2fea.estimation.reach import reach
+from scan2fea.kernel.section_likelihood import faces
+from scan2fea.kernel.transforms import rigid, rotation_about
+from scan2fea.simulation.member import MemberScanOptions, member_points
+from scan2fea.types import PointCloud, Scan
+from scan2fea.verification.member import member_checks, open_walls
+
+ASKEW = rotation_about((1, 2, 3), 1.1)
+HIDDEN = {"C": "WEB_OUTER", "T": "FLANGE_OUTER", "rect": "RIGHT", "RHS": "TOP_OUTER", "L": "A_TOE"}
+# What a fit may make of it: the hidden face 2 mm farther out and every other face where it is. Dimensions, and the section's origin.
+WRONG = {
+    "C": ({"b": 0.002, "tw": 0.002}, (-0.002, 0.0)),
+    "T": ({"h": 0.002, "tf": 0.002}, (0.0, 0.002)),
+    "rect": ({"b": 0.002}, (0.001, 0.0)),
+    "RHS": ({"h": 0.002}, (0.0, 0.001)),
+    "L": ({"a": 0.002}, (0.0, 0.0)),
+}
+SIZE = {**SIZES, "L": {"a": 0.127, "b": 0.1, "t": 0.022}, "rect": {"b": 0.1, "t": 0.04}}
+
+
+def scanned(family, sigma, n=20_000, seed=4, clutter=0.02):
+    """A member whose hidden face the fit has 2 mm too far out, and the points (n, 3) it was fitted to, in the file's frame."""
+    true = made(family, values=SIZE[family], R=ASKEW, sigma=sigma)
+    out = [HIDDEN[family]] + (["TOP_INNER"] if family == "RHS" else [])
+    seen = tuple(name for name in faces(family) if name not in out)
+    points = member_points(family, true.values(), n, MemberScanOptions(noise_m=sigma, faces=seen, caps=True, clutter=clutter, seed=seed))
+    more, shift = WRONG[family]
+    wrong = replace(
+        true,
+        parameters=tuple(replace(p, value_m=p.value_m + more.get(p.name, 0.0)) for p in true.parameters),
+        T_world_member=rigid(ASKEW, ASKEW @ np.array([*shift, 0.0])),
+        seen={name: float(name in seen) for name in faces(family)},
+    )
+    return wrong, points @ ASKEW.T, true
+
+
+@pytest.mark.parametrize("family", HIDDEN)
+@pytest.mark.parametrize("sigma", [0.0, 2e-4])
+def test_the_hidden_face_lies_where_its_neighbours_stop(family, sigma) -> None:
+    member, points, true = scanned(family, sigma)
+    found = reach(points, member)
+    assert found is not None
+    assert found.faces == (HIDDEN[family],)
+    std = np.sqrt(np.diag(found.covariance))
+    names = [p.name for p in true.parameters if p.name != "length"]
+    for name, value, sd in zip(names, found.values, std, strict=True):
+        assert abs(value - true.values()[name]) < 4 * sd + 1e-9, name
+        assert sd > 5e-6 or name not in WRONG[family][0], name  # a place that nobody saw is no needle
+    assert found.told == set(WRONG[family][0])
+    np.testing.assert_allclose(found.shift_m, -np.array(WRONG[family][1]), atol=4 * std.max())
+
+
+def test_the_end_of_a_run_has_the_spread_that_its_law_gives() -> None:
+    """Without noise the bare length beyond the last point is exponential; under noise an edge has the information 0.903 rho / sigma."""
+    rho = 2e4
+    rng = np.random.default_rng(7)
+    ends = [run_end(rng.uniform(-0.1, 0.0, round(0.1 * rho)), 1e-12, -0.1) for _ in range(200)]
+    assert np.mean([end.std_m for end in ends]) == pytest.approx(1 / rho, rel=0.2)  # strays may lie beyond: a little more than 1 / rho
+    z = [end.edge_m / end.std_m for end in ends]
+    assert abs(np.mean(z)) < 4 / np.sqrt(200) and 0.9 < np.mean(np.abs(z) < 1.96) < 0.99
+    for sigma in (3e-4, 1e-3):
+        n = round(0.1 * rho)
+        ends = [run_end(rng.uniform(-0.13, 0.0, round(1.3 * n)) + sigma * rng.standard_normal(round(1.3 * n)), sigma, -0.1) for _ in range(100)]
+        assert np.mean([end.std_m for end in ends]) == pytest.approx(np.sqrt(sigma / (0.903 * rho)), rel=0.15)
+        errors = [end.edge_m / end.std_m for end in ends]
+        assert abs(np.mean(errors)) < 0.4 and 0.8 < np.std(errors) < 1.2
+
+
+def turned_cut(member, points, degrees, inward=0.004):
+    """Without what lies beyond a plane across the face that is hidden, turned about the member's axis: as a cut would leave it."""
+    true = ASKEW.T @ points.T
+    middle = SIZE["C"]["h"] / 2
+    turn = np.tan(np.radians(degrees))
+    return points[true[0] > inward + turn * (true[1] + 0.3 * middle)]
+
+
+@pytest.mark.parametrize("degrees", [2.0, 5.0, -20.0])
+def test_neighbours_that_a_cut_ended_tell_nothing(degrees) -> None:
+    member, points, _ = scanned("C", 2e-4)
+    assert reach(turned_cut(member, points, degrees), member) is None
+    assert reach(points, member) is not None
+
+
+def test_a_shadow_that_crosses_the_member_tells_nothing() -> None:
+    member, points, _ = scanned("rect", 2e-4)
+    local = points @ ASKEW
+    assert reach(points[local[:, 0] < 0.03 + 0.015 * local[:, 2]], member) is None
+
+
+def test_a_face_that_goes_on_is_no_end() -> None:
+    """Beyond the end, thinner, as a stretch that few rays reached."""
+    member, points, _ = scanned("rect", 2e-4)
+    more = points[np.random.default_rng(1).random(len(points)) < 0.2] + ASKEW[:, 0] * 0.03
+    assert reach(np.concatenate([points, more]), member) is None
+
+
+def test_rows_of_points_tell_nothing() -> None:
+    """Where the scan runs in rows along the member the face may end anywhere up to the next row."""
+    member, points, _ = scanned("rect", 0.0, clutter=0.0)
+    local = points @ ASKEW
+    local[:, 0] = np.round(local[:, 0] / 0.004) * 0.004
+    assert reach(local @ ASKEW.T, member) is None
+
+
+def test_a_plane_across_an_axis_of_the_file_may_be_the_side_of_a_box() -> None:
+    member, points, _ = scanned("C", 2e-4)
+    straight = replace(member, T_world_member=rigid(np.eye(3), ASKEW.T @ np.asarray(member.T_world_member)[:3, 3]))
+    assert reach(points @ ASKEW, straight) is None
+
+
+def test_a_thin_wall_or_few_points_or_wide_noise_tell_nothing() -> None:
+    member, points, _ = scanned("L", 2e-4)
+    assert reach(points[:600], member) is None
+    thin = replace(made("L", R=ASKEW, values={"a": 0.127, "b": 0.1, "t": 0.002}), seen={**dict.fromkeys(faces("L"), 1.0), "A_TOE": 0.0})
+    local = member_points("L", thin.values(), 9000, MemberScanOptions(noise_m=5e-4, faces=tuple(f for f in faces("L") if f != "A_TOE"), seed=2))
+    assert reach(local @ ASKEW.T, thin) is None
+    noisy, far, _ = scanned("C", 0.012)
+    assert reach(far, noisy) is None
+
+
+def test_nothing_is_missing_or_only_one_neighbour_was_seen() -> None:
+    member, points, _ = scanned("C", 2e-4)
+    assert reach(points, replace(member, seen=dict.fromkeys(member.seen, 1.0))) is None
+    assert reach(points, replace(member, seen={**member.seen, "TOP_OUTER": 0.0})) is None
+    assert reach(points, replace(member, twist=np.array([0.01]))) is None
+    assert reach(points, made("CHS")) is None
+
+
+def test_it_moves_with_the_member_and_leaves_its_input_alone() -> None:
+    member, points, _ = scanned("T", 2e-4)
+    before, found = points.copy(), reach(points, member)
+    T = rigid(rotation_about((-1, 2, 0.5), 0.4), np.array([3.0, -1.0, 2.0]))
+    moved = reach(points @ T[:3, :3].T + T[:3, 3], replace(member, T_world_member=T @ np.asarray(member.T_world_member)))
+    assert (points == before).all() and found is not None and moved is not None
+    np.testing.assert_allclose(moved.values, found.values, atol=1e-9)
+    np.testing.assert_allclose(moved.covariance, found.covariance, rtol=1e-4, atol=1e-14)
+
+
+@pytest.mark.parametrize("family", ["C", "rect"])
+def test_the_whole_fit_tells_the_face_and_builds_the_member(family) -> None:
+    _, points, true = scanned(family, 2e-4, n=9000, clutter=0.05)
+    found = fit_member(Scan(cloud=PointCloud.of(points)), MemberOptions())
+    member = found.member
+    assert member.family == family and open_walls(member) == 0
+    assert all(check.passed for check in member_checks(member, found.explains))
+    assert len(member.reached) == 1
+    for p in member.parameters:
+        wanted = true.values()[p.name]
+        assert p.std_m is not None and abs(p.value_m - wanted) < 4 * p.std_m, p

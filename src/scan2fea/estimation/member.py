@@ -53,7 +53,7 @@ class MemberFit(Value):
     """A member and how far it explains the points.
 
     explains : whether it does, within their noise; `reason` says why or why not, `explanation` holds the figures.
-    sag_m, sag_std_m : (2,) mid-length departure from the chord between the ends in the section's x and y, before anything insignificant is set to zero.
+    sag_m, sag_std_m : (2,) mid-length departure from the chord between the ends, in the section's x and y, before what is insignificant is set to 0.
     length_std_m : of the distance between the end planes on the axis.   section : the fit it came from, in `axis`.   ends : in the member's frame.
     p_fixed : probability of data as far from the fixed dimensions as these if those were true; None where none was fixed or the points tell none.
     given : each fixed or nominal dimension beside what the points say of it.

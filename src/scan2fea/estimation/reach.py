@@ -32,6 +32,7 @@ _CHANCE = 0.03  # of all angles of a cut, at which the two neighbours would end 
 _AGREE = 3.0  # standard deviations
 _SQUARE = math.sin(math.radians(1.0))  # to an axis of the file, beside what the ends leave open
 _BAND_SIGMAS, _BAND_SIZE = 4.0, 1e-3  # about a face: its points, exact ones too (of the section's size)
+_LEAST_SIGMAS = 2.0  # from a face to the middle of its wall
 _MOST_BEYOND = 0.1  # density beyond the end over that before it: more is a face that goes on
 _CORNER = 0.1  # of a face, at its other end
 _LEAST = 50  # points of a run
@@ -84,9 +85,7 @@ def _hidden(member: Member, seen: set[str]) -> Iterator[tuple[Face, Face, Face]]
 def _told(local: FloatArray, member: Member, before: Face, face: Face, after: Face) -> RunEnd | None:
     """Where the hidden face lies against where the fit has it, outward; None where its neighbours do not tell."""
     apart, sigma = abs(after.place - before.place), member.sigma_m
-    if apart < 2 * _BAND_SIGMAS * sigma:
-        return None
-    one, two = (_run(local, member, neighbour, face, 0.45 * apart) for neighbour in (before, after))
+    one, two = (_run(local, member, neighbour, face) for neighbour in (before, after))
     ends = None if one is None or two is None else (_end(one, sigma), _end(two, sigma))
     if one is None or two is None or ends is None or ends[0] is None or ends[1] is None:
         return None
@@ -110,10 +109,17 @@ class _Run:
     start: float
 
 
-def _run(local: FloatArray, member: Member, neighbour: Face, face: Face, most: float) -> _Run | None:
-    """The points of a neighbour, from near its other corner to as far beyond the hidden face; None where that leaves too little of it."""
+def _run(local: FloatArray, member: Member, neighbour: Face, face: Face) -> _Run | None:
+    """The points of a neighbour, from near its other corner to as far beyond the hidden face; None where that leaves too little of it.
+
+    Not those on the other side of the middle of its wall, whose own face ends elsewhere.
+    """
     size = max(member.values()[name] for name in PARAMETERS[member.family])
-    band = min(max(_BAND_SIGMAS * member.sigma_m, _BAND_SIZE * size), most)
+    away = [abs(other.place - neighbour.place) for loop in straight_faces(member) for other in loop if other.axis == neighbour.axis]
+    half = 0.5 * min(one for one in away if one > _BAND_SIZE * size)
+    if half < _LEAST_SIGMAS * member.sigma_m:
+        return None
+    band = min(max(_BAND_SIGMAS * member.sigma_m, _BAND_SIZE * size), half)
     width = neighbour.high - neighbour.low
     start = max(_CORNER * width, _BAND_SIGMAS * member.sigma_m) - width
     if start > -0.5 * width:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from scan2fea.segmentation.divisive import divisive
 from scan2fea.segmentation.euclidean import euclidean
 from scan2fea.segmentation.fuzzy_cmeans import fuzzy_cmeans
 from scan2fea.segmentation.given import given
+from scan2fea.segmentation.hidden_gaps import one_bar
 from scan2fea.segmentation.kmeans import kmeans
 from scan2fea.segmentation.learned import learned, learned_parts
 from scan2fea.segmentation.members import members
@@ -29,6 +30,7 @@ from scan2fea.segmentation.supports import Supports, find_supports
 from scan2fea.types import BoolArray, FloatArray, IntArray, PointCloud, Scan, Segments
 
 Method = Callable[[PointCloud, SegmentationOptions], IntArray]
+_Together = Callable[[FloatArray, Sequence[IntArray], FloatArray, int], IntArray]  # points, parts, sensors, seed -> number of each part's object
 
 METHODS: Mapping[str, Method] = {
     "euclidean": euclidean,
@@ -79,9 +81,11 @@ def segment_scene(scan: Scan, options: SegmentationOptions = SegmentationOptions
         pieces = [(thing.rows, thing.kind) for thing in things]
     else:
         pieces = [(rows, "object") for rows in clusters]
+    n_across = 0
     if options.members and options.method == "euclidean":
-        pieces = _of_one_section(_by_members(cloud.points, pieces, joined, options), scan, options.seed)
-    how = {"method": options.method, "radius_m": own_radius, "n_supports": len(supports.planes), "n_things": len(pieces)}
+        pieces, n_across = _of_one_section(_by_members(cloud.points, pieces, joined, options), scan, options.seed)
+    how: dict[str, object] = {"method": options.method, "radius_m": own_radius, "n_supports": len(supports.planes), "n_things": len(pieces)}
+    how |= {"n_across_shadows": n_across} if n_across else {}
     return _numbered(supports, pieces, how)
 
 
@@ -110,12 +114,17 @@ def _by_members(
     return out
 
 
-def _of_one_section(pieces: list[tuple[IntArray, str]], scan: Scan, seed: int) -> list[tuple[IntArray, str]]:
-    """The same, with objects that are parts of one section put together."""
-    objects = [rows for rows, kind in pieces if kind == "object"]
-    number = one_section(scan.cloud.points, objects, scan.sensors(), seed)
-    joined = [np.sort(np.concatenate([objects[k] for k in np.flatnonzero(number == n)])) for n in range(int(number.max(initial=-1)) + 1)]
-    return [(rows, "object") for rows in joined] + [(rows, kind) for rows, kind in pieces if kind != "object"]
+def _of_one_section(pieces: list[tuple[IntArray, str]], scan: Scan, seed: int) -> tuple[list[tuple[IntArray, str]], int]:
+    """The same, with objects that are parts of one section, or one bar half hidden, put together; how many gaps of bars were so bridged."""
+    sensors = scan.sensors()
+    whole = _merged([rows for rows, kind in pieces if kind == "object"], one_section, scan, sensors, seed)
+    objects = _merged(whole, one_bar, scan, sensors, seed)
+    return [(rows, "object") for rows in objects] + [(rows, kind) for rows, kind in pieces if kind != "object"], len(whole) - len(objects)
+
+
+def _merged(objects: list[IntArray], together: _Together, scan: Scan, sensors: FloatArray, seed: int) -> list[IntArray]:
+    number = together(scan.cloud.points, objects, sensors, seed)
+    return [np.sort(np.concatenate([objects[k] for k in np.flatnonzero(number == n)])) for n in range(int(number.max(initial=-1)) + 1)]
 
 
 def _numbered(supports: Supports, pieces: list[tuple[IntArray, str]], how: Mapping[str, object]) -> Segments:

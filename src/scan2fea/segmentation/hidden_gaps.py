@@ -167,8 +167,7 @@ def _blocked(asked: FloatArray, seen: FloatArray, station: FloatArray, reach_m: 
     own = float(np.median(k_nearest(way, 2, way[sampled_rows(len(way), _DRAWN, 0)])[0][:, 1]))
     angle, near = k_nearest(way, min(8, len(way)), to)
     in_front = (angle <= _APART * own) & (depth[near] < (distance - reach_m)[:, None])
-    blocked: BoolArray = in_front.any(axis=1)
-    return blocked
+    return np.asarray(in_front.any(axis=1))
 
 
 def _directions(points: FloatArray, station: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -130,6 +130,14 @@ def test_a_thin_wall_or_few_points_or_wide_noise_tell_nothing() -> None:
     assert reach(far, noisy) is None
 
 
+def test_a_section_that_has_closed_up_tells_nothing() -> None:
+    """Of a sheet that was fitted with next to no thickness no face is apart from another (a fault inside, once)."""
+    sheet = made("rect", R=ASKEW, values={"b": 0.1, "t": 5e-5}, sigma=1e-3)
+    points = member_points("rect", sheet.values(), 5000, MemberScanOptions(noise_m=1e-3, faces=("BOTTOM", "TOP", "LEFT"), seed=1)) @ ASKEW.T
+    assert reach(points, replace(sheet, seen={**dict.fromkeys(faces("rect"), 1.0), "RIGHT": 0.0})) is None
+    assert reach(points, replace(sheet, seen={**dict.fromkeys(faces("rect"), 1.0), "TOP": 0.0})) is None
+
+
 def test_nothing_is_missing_or_only_one_neighbour_was_seen() -> None:
     member, points, _ = scanned("C", 2e-4)
     assert reach(points, replace(member, seen=dict.fromkeys(member.seen, 1.0))) is None

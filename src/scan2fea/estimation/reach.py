@@ -116,8 +116,8 @@ def _run(local: FloatArray, member: Member, neighbour: Face, face: Face) -> _Run
     """
     size = max(member.values()[name] for name in PARAMETERS[member.family])
     away = [abs(other.place - neighbour.place) for loop in straight_faces(member) for other in loop if other.axis == neighbour.axis]
-    half = 0.5 * min(one for one in away if one > _BAND_SIZE * size)
-    if half < _LEAST_SIGMAS * member.sigma_m:
+    half = 0.5 * min((one for one in away if one > _BAND_SIZE * size), default=0.0)
+    if half <= _LEAST_SIGMAS * member.sigma_m:  # none: a section that has closed up
         return None
     band = min(max(_BAND_SIGMAS * member.sigma_m, _BAND_SIZE * size), half)
     width = neighbour.high - neighbour.low

@@ -8,9 +8,10 @@ from scan2fea.kernel.distances import sample_surface
 from scan2fea.kernel.measures import area, face_normals, volume
 from scan2fea.reconstruction import visibility
 from scan2fea.reconstruction.evidence import Evidence, at_least, at_most, scatter_m, wall_m
+from scan2fea.reconstruction.flat_gaps import hidden_volume_flat
 from scan2fea.reconstruction.gates import failed, gates_seen
 from scan2fea.reconstruction.gates_surface import RIM_LOSS, SHEET, coverage, mean_curvature, merged, mixed, patch_moments, resolution, rims, sheet
-from scan2fea.reconstruction.hidden_volume import REACH, REACH_UNSEEN, hidden_volume, hidden_volume_flat
+from scan2fea.reconstruction.hidden_volume import REACH, REACH_UNSEEN, hidden_volume
 from scan2fea.types import PointCloud, Scan
 from scanned import DENSITY
 
@@ -153,15 +154,18 @@ def test_a_gap_counts_where_no_sight_line_tells_it_from_a_hole():
 
 def test_a_gap_inside_one_face_of_a_flat_solid_counts():
     """Twelve triangles have no middle near it: a boss that nobody saw was lost."""
-    slab, h = box((1.0, 0.8, 0.3)), 0.02
+    slab, h = dataclasses.replace(box((1.0, 0.8, 0.3)), face_region=np.arange(12) // 2), 0.02
     points, normals = sampled(slab, h)
     assert hidden_volume_flat(slab, points, h).value == 0.0
     under = (normals[:, 2] > 0.5) & (np.abs(points[:, :2] - [0.25, 0.3]).max(axis=1) < 0.15)
     assert hidden_volume(slab, points[~under], h).value == 0.0
     least, most = ((side**2) ** 2 / (4 * side) / volume(slab) for side in (0.3 - 2 * REACH_UNSEEN * h, 0.3))
-    assert 0.8 * least < hidden_volume_flat(slab, points[~under], h).value < most  # the border runs along edges, which is longer
+    assert least < hidden_volume_flat(slab, points[~under], h).value < most
     small = np.linalg.norm(points - [0.25, 0.3, 0.3], axis=1) < 2.5 * h  # what REACH does not tell from chance
     assert hidden_volume_flat(slab, points[~small], h).value == 0.0
+    corner = np.abs(points - [0.0, 0.0, 0.3]).max(axis=1) < 0.15  # three bare squares, which end only where they meet no other
+    side = 0.15 - REACH_UNSEEN * h
+    assert hidden_volume_flat(slab, points[~corner], h).value > 3 * side**4 / (2 * side) / volume(slab)
 
 
 @pytest.mark.parametrize("sigma", [0.0, 0.15])

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from scan2fea.kernel.jit import jit
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 
 DEGENERATE = 1e-12  # a face of less than this times the square of its longest edge has no normal
@@ -77,18 +78,61 @@ def half_edges(faces: IntArray) -> IntArray:
 
 def edge_table(faces: IntArray) -> EdgeTable:
     """The edges of (m, 3) faces, and which half-edges lie on each."""
-    directed = half_edges(faces)
-    n = int(faces.max(initial=-1)) + 1
-    key, edge_of, count = np.unique(directed.min(1) * n + directed.max(1), return_inverse=True, return_counts=True)
-    edge_of = edge_of.ravel().astype(np.int64)
-    edges = np.stack([key // max(n, 1), key % max(n, 1)], axis=1)
-    twin = np.full(len(directed), -1, np.int64)
-    order = np.argsort(edge_of, kind="stable")
-    first = order[np.concatenate([[0], np.cumsum(count)[:-1]]).astype(np.int64)] if len(count) else order
-    last = order[np.cumsum(count) - 1] if len(count) else order
-    pair = count == 2
-    twin[first[pair]], twin[last[pair]] = last[pair], first[pair]
-    return EdgeTable(edges=edges.astype(np.int64), edge_of=edge_of, count=count.astype(np.int64), twin=twin)
+    edges, edge_of, count, twin = _edges(np.ascontiguousarray(faces, np.int64), int(faces.max(initial=-1)) + 1)
+    return EdgeTable(edges=edges, edge_of=edge_of, count=count, twin=twin)
+
+
+@jit
+def _edges(faces: IntArray, n: int) -> tuple[IntArray, IntArray, IntArray, IntArray]:
+    """The columns of EdgeTable: half-edges are put in the row of their smaller vertex (of n), and each row sorted by the larger one."""
+    half = 3 * len(faces)
+    first, place = np.zeros(n + 1, np.int64), np.zeros(n + 1, np.int64)
+    for f in range(len(faces)):
+        for k in range(3):
+            first[min(faces[f, k], faces[f, (k + 1) % 3]) + 1] += 1
+    for v in range(n):
+        first[v + 1] += first[v]
+    place[:] = first
+    larger, owner = np.empty(half, np.int64), np.empty(half, np.int64)
+    for f in range(len(faces)):
+        for k in range(3):
+            a, b = faces[f, k], faces[f, (k + 1) % 3]
+            at = place[min(a, b)]
+            larger[at], owner[at] = max(a, b), 3 * f + k
+            place[min(a, b)] += 1
+    edges, edge_of = np.empty((half, 2), np.int64), np.empty(half, np.int64)
+    count, twin = np.zeros(half, np.int64), np.full(half, -1, np.int64)
+    e = -1
+    for v in range(n):
+        start, end = first[v], first[v + 1]
+        _sort(larger[start:end], owner[start:end])
+        for k in range(start, end):
+            if k == start or larger[k] != larger[k - 1]:
+                e += 1
+                edges[e, 0], edges[e, 1] = v, larger[k]
+            edge_of[owner[k]] = e
+            count[e] += 1
+            if count[e] == 2:
+                twin[owner[k]], twin[owner[k - 1]] = owner[k - 1], owner[k]
+            elif count[e] == 3:
+                twin[owner[k - 1]] = twin[owner[k - 2]] = -1
+    return edges[: e + 1].copy(), edge_of, count[: e + 1].copy(), twin
+
+
+@jit
+def _sort(key: IntArray, value: IntArray) -> None:
+    """Both in place by key, equal ones as they stood: by insertion where few."""
+    if len(key) > 64:
+        order = np.argsort(key, kind="mergesort")
+        key[:], value[:] = key[order], value[order]
+        return
+    for k in range(1, len(key)):
+        at, its = key[k], value[k]
+        j = k
+        while j > 0 and key[j - 1] > at:
+            key[j], value[j] = key[j - 1], value[j - 1]
+            j -= 1
+        key[j], value[j] = at, its
 
 
 def _pairs_on_edges(table: EdgeTable) -> tuple[IntArray, IntArray]:

@@ -15,9 +15,9 @@ from scan2fea.reconstruction.bare_faces import bare_faces
 from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, HIDDEN_VOLUME, PLACE, VOLUME_IN_DOUBT
 from scan2fea.reconstruction.empty_places import empty_places
 from scan2fea.reconstruction.evidence import at_most, mm
+from scan2fea.reconstruction.flat_gaps import hidden_volume_flat
 from scan2fea.reconstruction.gates import in_all
 from scan2fea.reconstruction.gates_surface import deviation, mean_curvature, stray
-from scan2fea.reconstruction.hidden_volume import hidden_volume_flat
 from scan2fea.reconstruction.plane_growing import Planes, tolerance_m
 from scan2fea.reconstruction.rounds import on_rounds
 from scan2fea.reconstruction.visibility import Reconstruction

@@ -13,10 +13,15 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Among(Value):
-    """points, normals : (n, 3).   first, index : the neighbours of each point, those that count it among theirs included (`joined_both_ways`)."""
+    """points, normals : (n, 3).   low, high : (3,) corners of their box.
+
+    first, index : the neighbours of each point, those that count it among theirs included (`joined_both_ways`).
+    """
 
     points: FloatArray
     normals: FloatArray
+    low: FloatArray
+    high: FloatArray
     first: IntArray
     index: IntArray
 
@@ -24,7 +29,8 @@ class Among(Value):
     def of(cls, points: FloatArray, normals: FloatArray, near: IntArray) -> Among:
         """near : (n, k) rows of the neighbours of each point."""
         first, index = joined_both_ways(near)
-        return cls(points=np.ascontiguousarray(points, float), normals=np.ascontiguousarray(normals, float), first=first, index=index)
+        columns = {"points": np.ascontiguousarray(points, float), "normals": np.ascontiguousarray(normals, float)}
+        return cls(**columns, low=points.min(axis=0), high=points.max(axis=0), first=first, index=index)
 
     def near(self, seed: int, free: BoolArray, plane: Plane, off: float, own_side: float, reach: float = np.inf) -> IntArray:
         """(k,) rows, ascending, of free points within `off` of the plane and `reach` of the seed, of the plane's side, that hang together with it.

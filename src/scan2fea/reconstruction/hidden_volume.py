@@ -9,18 +9,14 @@ from scipy.spatial import cKDTree
 
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_areas, face_normals, volume
-from scan2fea.kernel.short_edges import with_short_edges
 from scan2fea.kernel.topology import edge_table
 from scan2fea.reconstruction.budget import HIDDEN_VOLUME
 from scan2fea.reconstruction.evidence import around, at_most
-from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh
+from scan2fea.types import BoolArray, Check, FloatArray, TriangleMesh
 
 LIMIT = 0.05  # of the volume: the error that is tolerated of a volume without noise
 REACH = 3.0  # spacings: a place farther from any point of its own side is not measured
 REACH_UNSEEN = 1.75  # the same where no sight line tells a hole from a gap: random points leave exp(-0.85 pi 1.75^2) = 0.03 % of a surface so bare
-
-
-FINE = 1.5  # spacings: longest edge at which the middles of faces stand for them
 
 
 def hidden_volume(mesh: TriangleMesh, points: FloatArray, spacing_m: float, reach: float = REACH) -> Check:
@@ -29,17 +25,11 @@ def hidden_volume(mesh: TriangleMesh, points: FloatArray, spacing_m: float, reac
     points : (n, 3) measured, or inferred from a support that was seen.   reach : in spacings, REACH or REACH_UNSEEN.
     """
     near = PointToMesh(mesh).nearest(points)
-    return _check(*unseen_volume(mesh, near.closest, face_normals(mesh)[near.face], reach * spacing_m))
+    return hidden_check(*unseen_volume(mesh, near.closest, face_normals(mesh)[near.face], reach * spacing_m))
 
 
-def hidden_volume_flat(mesh: TriangleMesh, points: FloatArray, spacing_m: float) -> Check:
-    """The same of a solid whose faces are far larger than the gaps in them: asked of its faces cut small, gaps taken up to REACH_UNSEEN of points."""
-    near = PointToMesh(mesh).nearest(points)
-    fine = with_short_edges(mesh, FINE * spacing_m)
-    return _check(*unseen_volume(fine, near.closest, face_normals(mesh)[near.face], REACH * spacing_m, REACH_UNSEEN * spacing_m))
-
-
-def _check(share: float, where: FloatArray) -> Check:
+def hidden_check(share: float, where: FloatArray) -> Check:
+    """The check of a share of the volume that may hide. where : (k, 3) places of the gaps."""
     says = (
         f"{share:.0%} of the volume may hide behind surface that was not measured (limit {LIMIT:.0%}){around(where)}: scan there too, "
         "or fit the member"
@@ -47,40 +37,24 @@ def _check(share: float, where: FloatArray) -> Check:
     return at_most(HIDDEN_VOLUME, share, LIMIT, says)
 
 
-def unseen_volume(
-    mesh: TriangleMesh, places: FloatArray, normals: FloatArray, reach_m: float, rim_m: float | None = None
-) -> tuple[float, FloatArray]:
+def unseen_volume(mesh: TriangleMesh, places: FloatArray, normals: FloatArray, reach_m: float) -> tuple[float, FloatArray]:
     """Share of the volume that may hide behind patches that no ray has met, and the middles of their faces.
 
     A patch of area A and perimeter P spans a gap about 2 A / P wide; what it hides is taken as that deep: A^2 / P on either side.
-    rim_m : a patch with a face beyond reach_m goes on to where places are as near as this.
     """
     bare = _bare(mesh, places, normals, reach_m)
     if not bare.any():
         return 0.0, np.zeros((0, 3))
     twin = edge_table(mesh.faces).twin.reshape(-1, 3) // 3
-    if rim_m is not None:
-        bare = _grown(bare, _bare(mesh, places, normals, rim_m), twin)
     areas, corners = face_areas(mesh), mesh.vertices[mesh.faces]
     lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
-    patch = _patches(bare, twin)
+    face, side = np.nonzero(bare[:, None] & bare[twin])
+    graph = coo_array((np.ones(len(face), np.int8), (face, twin[face, side])), shape=(len(bare), len(bare)))
+    patch = connected_components(graph, directed=False)[1]
     size = np.bincount(patch[bare], areas[bare])
     perimeter = np.bincount(patch[bare], (lengths * ~bare[twin]).sum(axis=1)[bare], len(size))
     hidden = size**2 / np.maximum(perimeter, np.sqrt(np.maximum(size, np.finfo(float).tiny)))
     return float(hidden.sum() / abs(volume(mesh))), corners[bare].mean(axis=1)
-
-
-def _patches(bare: BoolArray, twin: IntArray) -> IntArray:
-    """(m,) number of the patch of bare faces that each face is of, others each of their own. twin : (m, 3) faces beside each."""
-    face, side = np.nonzero(bare[:, None] & bare[twin])
-    graph = coo_array((np.ones(len(face), np.int8), (face, twin[face, side])), shape=(len(bare), len(bare)))
-    return np.asarray(connected_components(graph, directed=False)[1])
-
-
-def _grown(bare: BoolArray, rim: BoolArray, twin: IntArray) -> BoolArray:
-    """Patches of rim faces that hold a bare one."""
-    patch = _patches(rim, twin)
-    return np.asarray(rim & np.isin(patch, patch[bare]))
 
 
 def _bare(mesh: TriangleMesh, places: FloatArray, normals: FloatArray, reach_m: float) -> BoolArray:

@@ -95,7 +95,7 @@ def _own(points: FloatArray, normals: FloatArray, plane: Plane, off: float) -> B
 def _grown(among: Among, seed: int, free: BoolArray, spacing_m: float, off: float) -> Plane | None:
     """The plane through a seed's neighbourhood, widened until it takes no more points in that hang together."""
     points, normal = among.points, among.normals[seed]
-    farthest = float(np.linalg.norm(np.maximum(points[seed] - points.min(axis=0), points.max(axis=0) - points[seed])))
+    farthest = float(np.linalg.norm(np.maximum(points[seed] - among.low, among.high - points[seed])))
     plane = Plane(normal=normal, offset=float(normal @ points[seed]))
     reach, before = FIRST_REACH * spacing_m, -1
     slack = 2.0 * off

@@ -81,10 +81,9 @@ def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> 
     require(np.isfinite(cloud.points).all(), ReconstructionError, "some points are not finite: remove them before the reconstruction")
     h = spacing(cloud.points, options.seed)
     require(h > 0, ReconstructionError, "all points coincide: there is no surface to find")
-    if options.use_sensors and scan.rays is None and cloud.is_inferred is None:
-        images = images_of(cloud.points, cloud.raw_index)
-        if images is not None:
-            return _ranged(scan, options, images, h)
+    images = told_images(scan, options)
+    if images is not None:
+        return _ranged(scan, options, images, h)
     sensors = scan.sensors()
     measured = np.flatnonzero(np.ones(len(cloud), bool) if cloud.is_inferred is None else ~cloud.is_inferred)
     known = np.asarray(np.isfinite(sensors).all(axis=1))
@@ -104,6 +103,13 @@ def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> 
     fewer = len(failed(blind.checks)) < len(failed(seen.checks))
     is_same = abs(volume(blind.mesh) - volume(seen.mesh)) <= SAME_VOLUME * abs(volume(seen.mesh))
     return blind if fewer and not is_same else seen  # planes may mend what is left
+
+
+def told_images(scan: Scan, options: VisibilityOptions) -> Images | None:
+    """The images that the order of the points tells, where no sensor positions are known."""
+    if not options.use_sensors or scan.rays is not None or scan.cloud.is_inferred is not None:
+        return None
+    return images_of(scan.cloud.points, scan.cloud.raw_index)
 
 
 def _seen(cloud: PointCloud, options: VisibilityOptions, sensors: FloatArray, spacing_m: float) -> tuple[Reconstruction, Evidence] | None:

@@ -48,3 +48,15 @@ def test_same_points_whatever_the_place():
     scan = sheet(3000)
     again = thinned(scan, 700)
     assert np.array_equal(thinned(scan, 700).cloud.points, again.cloud.points)
+
+
+def test_the_tails_of_a_blurred_face_are_not_preferred():
+    rng = np.random.default_rng(4)
+    sigma, n = 0.004, 60_000  # points 4 mm apart
+    points = np.c_[rng.random((n, 2)), sigma * rng.normal(size=n)]
+    points = points[rng.permutation(n)]
+    small = thinned(Scan(cloud=PointCloud.of(points)), 20_000).cloud.points
+    assert len(small) == 20_000
+    assert abs(small[:, 2].std() / points[:, 2].std() - 1.0) < 4.0 / np.sqrt(2 * 20_000)
+    counts = np.histogram2d(small[:, 0], small[:, 1], bins=20, range=[[0, 1], [0, 1]])[0]
+    assert counts.std() < 0.8 * np.sqrt(counts.mean())  # more even than the cloud itself

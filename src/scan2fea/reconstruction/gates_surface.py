@@ -11,7 +11,7 @@ from scan2fea.kernel.measures import face_areas, face_normals, volume
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.topology import edge_table, half_edges
 from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, MIXED
-from scan2fea.reconstruction.evidence import Evidence, around, at_least, at_most, mm, wall_m
+from scan2fea.reconstruction.evidence import PATCH, SAME_FACE, SAMPLES, Evidence, around, at_least, at_most, mm, patch_wall_m, wall_m
 from scan2fea.reconstruction.outside import Flood
 from scan2fea.types import Check, FloatArray, TriangleMesh
 
@@ -28,9 +28,6 @@ MIXED_SHARE = 0.05  # of the volume that such points may take from walls
 STRAY = 0.01
 MERGED, MERGED_KURTOSIS = 0.02, 1.6  # two sheets in one: residuals of two values have kurtosis 1, a normal distribution 3
 CORE_KURTOSIS = 2.3  # two sheets +-t/2 with noise 0.3 t: 1.9; one sheet: 2.8 over 32 points
-PATCH = 32
-SAME_FACE = 0.8  # cosine within a patch
-SAMPLES = 6000
 
 
 def sheet(evidence: Evidence) -> tuple[Check, ...]:
@@ -46,7 +43,7 @@ def sheet(evidence: Evidence) -> tuple[Check, ...]:
 
 def resolution(evidence: Evidence) -> tuple[Check, ...]:
     """Noise and spacing against the wall; none where there is no wall to speak of."""
-    wall = wall_m(evidence)
+    wall = patch_wall_m(evidence)
     if not math.isfinite(wall):
         return ()
     noise, spacing = evidence.sigma_m, evidence.spacing_m

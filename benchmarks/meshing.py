@@ -221,7 +221,7 @@ def speeds(quick: bool) -> Iterator[tuple[str, Callable[[], dict[str, Any]]]]:
         filled = fill(solid, None, FillOptions(optimise="none", order=1, growth=0.05 if quick else 0.02, max_elements=10**7, time_limit_s=500.0))
         nodes, tets = filled.tets.nodes, filled.tets.tets
         began = time.process_time()
-        found = optimised(nodes, tets, OptimiseOptions(target_deg=40.0))
+        found = optimised(nodes, tets, OptimiseOptions(target_deg=35.0))  # 25 is the default and needs no exudation here; 40 is out of reach
         cpu = time.process_time() - began
         worst = [row["measures"]["min_dihedral_deg"]["min"] for row in found.log]
         return {"n_tets": len(tets), "cpu": cpu, "worst": worst, "steps": [row["step"] for row in found.log]}

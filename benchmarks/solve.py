@@ -103,7 +103,8 @@ def main(kind="thin", size=None, what="static"):
         save(mesh, Path(folder, "mesh.npz"))
         told = subprocess.run([sys.executable, __file__, "--alone", f"{folder}/mesh.npz"], check=True, capture_output=True, text=True).stdout
     own = json.loads(told)
-    print(f"  static: scan2fea  {own['s']:6.1f} s wall {own['cpu']:6.1f} s cpu {own['mb']:6.0f} MB  {own['largest']:.7g} m  {own['solver']}", flush=True)
+    took = f"{own['s']:6.1f} s wall {own['cpu']:6.1f} s cpu {own['mb']:6.0f} MB"
+    print(f"  static: scan2fea  {took}  {own['largest']:.7g} m  {own['solver']}", flush=True)
     if what == "all":
         start, cpu = time.perf_counter(), time.process_time()
         ours = solve(model)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import re
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from scan2fea.cad.readback import parts_of_shape
+from scan2fea.cad.readback import parts_of_shape, silent
 from scan2fea.cad.step_text import HEADER, PRODUCT_NAME
 from scan2fea.errors import CadError, require
 from scan2fea.types import FloatArray
@@ -118,7 +116,7 @@ def step_of(shape: Any) -> str:
     from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
 
     out = io.BytesIO()
-    with _silent():
+    with silent():
         writer = STEPControl_Writer()
         Interface_Static.SetCVal_s("write.step.product.name", PRODUCT_NAME)
         is_done = writer.Transfer(shape, STEPControl_AsIs) == IFSelect_RetDone and writer.WriteStream(out) == IFSelect_RetDone
@@ -126,19 +124,3 @@ def step_of(shape: Any) -> str:
     text = out.getvalue().decode("ascii")
     text = HEADER.format(description="scan2fea solid", name="model.step") + text[text.index("DATA;\n") + 6 :]
     return re.sub(rf"'{PRODUCT_NAME} \d+'", f"'{PRODUCT_NAME}'", text)
-
-
-@contextlib.contextmanager
-def _silent() -> Iterator[None]:
-    """Open Cascade tells the console what it writes; a library does not."""
-    from OCP.Message import Message
-
-    messenger = Message.DefaultMessenger_s()
-    printers = list(messenger.Printers())
-    for printer in printers:
-        messenger.RemovePrinter(printer)
-    try:
-        yield
-    finally:
-        for printer in printers:
-            messenger.AddPrinter(printer)

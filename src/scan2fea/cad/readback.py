@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -81,12 +83,29 @@ def shape_of_step(path: Path) -> Any:
     from OCP.IFSelect import IFSelect_RetDone
     from OCP.STEPControl import STEPControl_Reader
 
-    reader = STEPControl_Reader()
-    require(reader.ReadFile(str(path)) == IFSelect_RetDone, CadError, f"Open Cascade cannot read the STEP text of {path.name}")
-    reader.TransferRoots()
-    shape = reader.OneShape()
-    require(not shape.IsNull(), CadError, f"Open Cascade finds no shape in the STEP text of {path.name}")
+    with silent():
+        reader = STEPControl_Reader()
+        require(reader.ReadFile(str(path)) == IFSelect_RetDone, CadError, "Open Cascade cannot read the STEP text: is it cut short?")
+        reader.TransferRoots()
+        shape = reader.OneShape()
+    require(not shape.IsNull(), CadError, "Open Cascade finds no shape in the STEP text")
     return shape
+
+
+@contextlib.contextmanager
+def silent() -> Iterator[None]:
+    """Open Cascade tells the console what it reads and writes; a library does not."""
+    from OCP.Message import Message
+
+    messenger = Message.DefaultMessenger_s()
+    printers = list(messenger.Printers())
+    for printer in printers:
+        messenger.RemovePrinter(printer)
+    try:
+        yield
+    finally:
+        for printer in printers:
+            messenger.AddPrinter(printer)
 
 
 def parts_of_shape(shape: Any, kind: Any) -> list[Any]:

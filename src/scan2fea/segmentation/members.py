@@ -19,11 +19,12 @@ from scipy import ndimage
 
 from scan2fea.kernel.near_tree import near_tree
 from scan2fea.kernel.neighbors import k_nearest, radius_components
-from scan2fea.kernel.noise import noise_sigma, sampled_rows, spacing
+from scan2fea.kernel.noise import noise_sigma, spacing
 from scan2fea.kernel.normals import pca_normals
 from scan2fea.kernel.spanning_tree import tree_parts
 from scan2fea.kernel.voxels import voxel_mean
 from scan2fea.segmentation.extents import Extent, extent_of
+from scan2fea.segmentation.leaves import apart_from_leaves, leaves_of, share_of_surfaces
 from scan2fea.segmentation.sweeps import GAP, ONE_FACE, SLICE, across, directions, refined_axis, run_lengths, slice_profile
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
@@ -42,8 +43,6 @@ _ALONG = 0.5  # of its length that a piece lies along another to be one with it
 _IN_LINE = 0.97  # cosine of 14 degrees
 _OBLIQUE = 0.26  # cosine of 75 degrees
 _ALIKE = 1.35  # ratio of widths that still is the same section
-_ROUGH = ((16, 0.08), (96, 0.15))  # neighbours, share of their spread across their plane: a third in leaves, a hundredth on a face
-_JUDGED = 4_000
 _MOST_CUTS, _MOST_CELLS = 40, 2e6
 _EMPTY = 0.75  # of its usual share: less, and the section is not there
 _SHORT, _INSIDE = 0.25, 0.8  # a piece of less than a quarter of the length must lie within the other's box to be one with it
@@ -60,13 +59,33 @@ class _Thin(Value):
 
 
 def members(points: FloatArray, seed: int = 0, min_points: int = 100) -> IntArray:
-    """(n,) labels from 0 of the members that one connected cluster (n, 3) is made of; all 0 where it is one object."""
+    """(n,) labels from 0 of the members that one connected cluster (n, 3) is made of; all 0 where it is one object.
+
+    What leaves hide is looked for without them, and found only where it is members, two or more: the noise of a thin beam looks like leaves, too.
+    """
     whole = np.zeros(len(points), np.int64)
-    if len(points) < _LEAST:
-        return whole
-    thin = _thinned(points, seed)
+    thin = _thinned(points, seed) if len(points) >= _LEAST else None
     if thin is None:
         return whole
+    labels = _of_surfaces(points, thin, min_points, seed)
+    leaf = leaves_of(thin.points) if labels.max() == 0 else None
+    if leaf is None:
+        return labels
+    found: list[int] = []
+
+    def of_part(own: FloatArray) -> IntArray:
+        part = _thinned(own, seed)
+        inside = np.zeros(len(own), np.int64) if part is None else _of_surfaces(own, part, min_points, seed)
+        found.append(int(inside.max()) + 1)
+        return inside
+
+    labels = apart_from_leaves(points, leaf[thin.of_point], _LINK * thin.h, min_points, of_part)
+    return labels if max(found, default=0) > 1 else whole
+
+
+def _of_surfaces(points: FloatArray, thin: _Thin, min_points: int, seed: int) -> IntArray:
+    """`members` of points (n, 3) that lie on surfaces."""
+    whole = np.zeros(len(points), np.int64)
     piece, axes = _pieces(thin, seed)
     piece = _given_back(thin, _shortened(thin, piece, axes))
     piece = _cut(thin, piece, axes)
@@ -335,25 +354,13 @@ def _members_of(thin: _Thin, group: IntArray) -> tuple[IntArray, list[Extent]] |
         if those.sum() < 2:
             return False
         on = np.append(those, False)[out]
-        return bool(on.mean() >= _EXPLAINED or _share_of_surfaces(thin, on) >= _EXPLAINED)
+        return bool(on.mean() >= _EXPLAINED or share_of_surfaces(thin.points, on) >= _EXPLAINED)
 
     beams = slender >= _BEAM
     axes = np.array([extent.axis for extent in extents]).reshape(-1, 3)
     cosine = np.abs(axes @ axes.T)
     braced = (width[:, None] > _ALIKE * width) & (cosine > _OBLIQUE) & (cosine < _IN_LINE) & beams[:, None] & beams
     return (out, extents) if is_made_of(slender >= LONG) or (braced.any() and is_made_of(beams)) else None
-
-
-def _share_of_surfaces(thin: _Thin, on: BoolArray) -> float:
-    """Share of those points that are marked among the points that lie on surfaces: leaves and heaps that touch a frame explain nothing."""
-    rows = sampled_rows(len(on), _JUDGED, 0)
-    smooth = np.zeros(len(rows), bool)
-    for k, rough in _ROUGH:  # a thin plate looks rough from near, a bar from afar
-        patch = thin.points[k_nearest(thin.points, k, thin.points[rows])[1]]
-        patch = patch - patch.mean(axis=1, keepdims=True)
-        spread = np.linalg.eigvalsh(np.einsum("mki,mkj->mij", patch, patch))
-        smooth |= spread[:, 0] <= rough * spread.sum(axis=1)
-    return float(on[rows][smooth].mean()) if smooth.sum() >= _LEAST else 0.0
 
 
 def _run_through(thin: _Thin, member: IntArray, extents: list[Extent]) -> IntArray:

@@ -73,12 +73,16 @@ def reach(points: FloatArray, member: Member) -> Reach | None:
 
 
 def _hidden(member: Member, seen: set[str]) -> Iterator[tuple[Face, Face, Face]]:
-    """Every face of the outline that was not seen though both its neighbours were, which it overtops at both corners, between them."""
+    """Every face of the outline that was not seen though both its neighbours were, which it overtops at both corners, between them.
+
+    A face across the same axis was seen: else nothing but ends holds the member's line in that direction, and its tilt and bow blur them.
+    """
     loop = straight_faces(member)[0]
+    held = {face.axis for face in loop if face.name in seen}
     for i, face in enumerate(loop):
         before, after = loop[i - 1], loop[(i + 1) % len(loop)]
         convex = before.outward == -after.outward and (after.place - before.place) * after.outward > 0
-        if convex and face.name not in seen and {before.name, after.name} <= seen:
+        if convex and face.axis in held and face.name not in seen and {before.name, after.name} <= seen:
             yield before, face, after
 
 

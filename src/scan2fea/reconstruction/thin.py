@@ -12,7 +12,7 @@ from scan2fea.kernel.voxels import voxel_mean
 from scan2fea.types import Scan
 
 TRIES = 12
-SMALL = 0.1  # noise against the edge of a cell
+SMALL = 0.25  # noise against the edge of a cell: at 0.2 walls of two cells grow by 0.2 %, at 0.32 by 1.8 %
 
 
 def distinct(scan: Scan) -> Scan:

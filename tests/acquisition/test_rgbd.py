@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+import real_scans
 from scan2fea.acquisition import AcquisitionOptions, from_rgbd, is_rgbd
 from scan2fea.errors import InputError
 
-DATA = Path(os.environ.get("SCAN2FEA_DATA", "")) / "registration" / "open3d_rgbd"
+DATA = real_scans.DATA / "registration" / "open3d_rgbd"
 K = np.array([[100.0, 0.0, 49.5], [0.0, 110.0, 39.5], [0.0, 0.0, 1.0]])
 
 
@@ -73,7 +73,7 @@ def test_what_is_wrong_is_said(tmp_path: Path) -> None:
         from_rgbd(far, AcquisitionOptions())
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="SCAN2FEA_DATA is not set")
+@real_scans.needs("registration", "open3d_rgbd")
 def test_real_frames_of_a_depth_camera() -> None:
     made = from_rgbd(DATA, AcquisitionOptions())
     assert len(made.frames) == 5 and all(len(frame.scan.cloud) > 100_000 for frame in made.frames)

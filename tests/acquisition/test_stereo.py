@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ import pytest
 from PIL import Image
 from scipy.ndimage import map_coordinates
 
+import real_scans
 import rendered
 from scan2fea.acquisition.cameras import Camera, Rig, read_camera, read_rig, write_rig
 from scan2fea.acquisition.chessboard import board_of, calibrate
@@ -20,7 +20,7 @@ from scan2fea.acquisition.stereo import from_stereo, span
 from scan2fea.errors import FormatError, InputError, UsageError
 from scan2fea.kernel.transforms import inverse
 
-DATA = Path(os.environ.get("SCAN2FEA_DATA", "")) / "photogrammetry"
+DATA = real_scans.DATA / "photogrammetry"
 K = np.array([[500.0, 0.0, 199.5], [0.0, 500.0, 149.5], [0.0, 0.0, 1.0]])
 SIZE = (400, 300)
 
@@ -198,7 +198,7 @@ def test_chessboard_that_is_not_there(tmp_path: Path) -> None:
         calibrate(tmp_path, board_of("9x6 25 mm"))
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="SCAN2FEA_DATA is not set")
+@real_scans.needs("photogrammetry")
 def test_chessboards_of_a_real_rig() -> None:
     rig = calibrate(DATA / "stereo_calib", board_of("9x6 25 mm"))
     assert rig.rms_px < 0.5
@@ -206,7 +206,7 @@ def test_chessboards_of_a_real_rig() -> None:
     assert rig.left.K[0, 0] == pytest.approx(535.9, abs=5.0)  # left_intrinsics.yml of the same pictures
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="SCAN2FEA_DATA is not set")
+@real_scans.needs("photogrammetry")
 def test_aloe_bad_pixels() -> None:
     left, right = (np.asarray(Image.open(DATA / "stereo_aloe" / f"aloe{side}.jpg").convert("L")) for side in "LR")
     truth = np.asarray(Image.open(DATA / "stereo_aloe" / "aloeGT.png"), float)

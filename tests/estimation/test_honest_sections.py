@@ -1,12 +1,11 @@
 """Half-seen sections: what was not seen is not observable, and nothing is taken for what it only may be."""
 
 import dataclasses
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+import real_scans
 from scan2fea.estimation.caps import HOLLOW, SOLID, UNKNOWN, inside_of
 from scan2fea.estimation.catalogued import catalogued
 from scan2fea.estimation.member import MemberOptions, fit_member
@@ -99,10 +98,10 @@ def test_two_faces_stand_apart():
         assert blended(points, one, set()) == set()  # nothing was seen from both sides: nothing to try
 
 
-TEE = Path(os.environ.get("SCAN2FEA_DATA", "none")) / "structural" / "steel_tee" / "table_8in10in_tee_x4y24_45.pcd_part1.pcd"
+TEE = real_scans.DATA / "structural" / "steel_tee" / "table_8in10in_tee_x4y24_45.pcd_part1.pcd"
 
 
-@pytest.mark.skipif(not TEE.exists(), reason="needs SCAN2FEA_DATA")
+@real_scans.needs("structural", "steel_tee")
 def test_two_faces_of_a_real_tube_end_in_no_dimension():
     """The branch of the tee, 2 in square, of which two faces were seen: the laws of its noise were once asked of another family (crash)."""
     points = read_scan(TEE, InputOptions()).scan.cloud.points

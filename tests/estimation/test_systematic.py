@@ -1,12 +1,11 @@
 """What more points do not cure, and what faces that were not seen cannot tell."""
 
-import os
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+import real_scans
 from estimation.made import made
 from scan2fea.estimation.ends import rough_ends
 from scan2fea.estimation.member import MemberOptions, fit_member
@@ -17,7 +16,7 @@ from scan2fea.kernel.section_likelihood import face_lengths
 from scan2fea.kernel.sections import PARAMETERS, section
 from scan2fea.types import PointCloud, Scan
 
-JOINT = Path(os.environ.get("SCAN2FEA_DATA", "none")) / "structural" / "pc2beam" / "test_points.txt"
+JOINT = real_scans.DATA / "structural" / "pc2beam" / "test_points.txt"
 
 
 def test_regular_clouds_are_told_from_random_ones():
@@ -110,7 +109,7 @@ def test_a_hidden_stretch_does_not_end_a_member():
     assert rough_ends(stray)[1] < 0.75
 
 
-@pytest.mark.skipif(not JOINT.exists(), reason="needs SCAN2FEA_DATA")
+@real_scans.needs("structural", "pc2beam")
 @pytest.mark.parametrize("which", ["brace", "girder"])
 def test_a_real_joint(which):
     table = np.loadtxt(JOINT)

@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import real_scans
 from scan2fea.errors import InputError
 from scan2fea.io import read_scan
 from scan2fea.io.formats import BY_SUFFIX
 
-DATA = Path(os.environ.get("SCAN2FEA_DATA", Path(__file__).parents[2] / ".." / "shared" / "data")).resolve()
+DATA = real_scans.DATA
 FOLDERS = ("formats", "meshes", "structural", "cad_gt", "registration")
 
 # what is no scan, or deliberately broken, and what the line must say

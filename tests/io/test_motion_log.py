@@ -1,11 +1,10 @@
 """Logs of motion sensors: names, units, and rows that cannot be used."""
 
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+import real_scans
 from scan2fea.errors import FormatError, InputError
 from scan2fea.io.motion_log import INERTIAL, POSES, POSITIONS, RANGES, kind_of_log, read_inertial, read_positions, read_ranges
 from scan2fea.io.nmea import read_nmea
@@ -14,8 +13,8 @@ from scan2fea.io.unit_inertial import read_unit_inertial
 from scan2fea.kernel.geodesy import earth_centred, east_north_up, gravity
 
 G = 9.80665
-MONTEREY = Path(os.environ.get("SCAN2FEA_DATA", Path(__file__).parents[2] / "../shared/data")) / "velodyne/monterey-first-100-packets.pcap"
-real = pytest.mark.skipif(not MONTEREY.is_file(), reason="the real captures are not here (SCAN2FEA_DATA)")
+MONTEREY = real_scans.DATA / "velodyne/monterey-first-100-packets.pcap"
+real = real_scans.needs("velodyne")
 
 
 def inertial_csv(path, head="time_s,ax_m_s2,ay_m_s2,az_m_s2,gx_rad_s,gy_rad_s,gz_rad_s", rows=None, scale=(1.0, 1.0)):

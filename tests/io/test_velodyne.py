@@ -1,11 +1,10 @@
-import os
 import struct
 import tracemalloc
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+import real_scans
 from scan2fea.cli.main import main
 from scan2fea.errors import FormatError, InputError
 from scan2fea.io import read_scan
@@ -15,9 +14,9 @@ from scan2fea.simulation.lidar import Hdl32eOptions, firings_of, scan_lidar
 from scan2fea.simulation.motion import kinematics, path_of
 from sensed import clutter
 
-DATA = Path(os.environ.get("SCAN2FEA_DATA", Path(__file__).parents[2] / "../shared/data")) / "velodyne"
+DATA = real_scans.DATA / "velodyne"
 MONTEREY, PUCK = DATA / "monterey-first-100-packets.pcap", DATA / "vlp-16-test-90deg-1-50-frames.pcap"
-real = pytest.mark.skipif(not DATA.is_dir(), reason="the real captures are not here (SCAN2FEA_DATA)")
+real = real_scans.needs("velodyne")
 COLUMNS = frozenset(("intensity", "ring", "time", "frame"))
 
 
@@ -138,13 +137,11 @@ def test_real_captures():
     assert set(np.concatenate([p.columns["ring"] for p in source.pieces(COLUMNS)]).tolist()) == set(range(16))
 
 
-@pytest.mark.parametrize("which", ["still", "moving", "monterey"])
+@pytest.mark.parametrize("which", ["still", "moving", pytest.param("monterey", marks=real)])
 def test_velodyne_decoder_reads_the_same(tmp_path, which):
     decoder = pytest.importorskip("velodyne_decoder")
     path = tmp_path / "a.pcap"
     if which == "monterey":
-        if not DATA.is_dir():
-            pytest.skip("the real captures are not here (SCAN2FEA_DATA)")
         path = MONTEREY
         points, is_miss, columns = decoded(path)
         expected, ring = points[~is_miss], columns["ring"][~is_miss]

@@ -1,9 +1,8 @@
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+import real_scans
 from predicates import assert_closed_manifold_oriented, assert_no_crossing, l_beam, rotation, sphere, two_sided
 from scan2fea.errors import ReconstructionError, UsageError
 from scan2fea.kernel.measures import volume
@@ -112,9 +111,7 @@ def test_what_cannot_be_done_says_so():
 
 def bunny(n_most):
     """Stanford bunny: scans in their own frames, placed by bun.conf; each looks along its -z, so its sensor is far off on +z."""
-    folder = Path(os.environ.get("SCAN2FEA_DATA", Path(__file__).parents[3] / "shared" / "data")) / "registration" / "stanford_bunny"
-    if not (folder / "bun.conf").exists():
-        pytest.skip("the Stanford bunny is not here: set SCAN2FEA_DATA to the folder that holds registration/stanford_bunny")
+    folder = real_scans.DATA / "registration" / "stanford_bunny"
     points, sensors = [], []
     for line in (folder / "bun.conf").read_text().splitlines():
         word = line.split()
@@ -138,6 +135,7 @@ def bunny(n_most):
     return cloud[rows], origin[rows]
 
 
+@real_scans.needs("registration", "stanford_bunny")
 def test_bunny():
     points, sensors = bunny(25_000)
     found = visibility(scan_of(points, sensors))

@@ -1,16 +1,16 @@
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import real_scans
 from scan2fea.errors import FormatError, InputError
 from scan2fea.kernel.transforms import matrix_to_quaternion, quaternion_to_matrix, random_rotation, rigid
 from scan2fea.registration import read_poses, read_trajectory
 
 POSES = [rigid(random_rotation(i), [i, 2.0, -0.5]) for i in range(3)]
 NAMES = ["a/scan_000.ply", "scan_001.ply", "scan_002.ply"]
-DATA = Path(os.environ.get("SCAN2FEA_DATA", Path(__file__).parents[2] / "../shared/data"))
+DATA = real_scans.DATA
 
 
 def quaternion_line(T):
@@ -99,7 +99,7 @@ def test_wrong_number_of_poses_and_missing_files(tmp_path):
         read_poses(tmp_path / "bin.txt", NAMES)
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="the real scans are not here")
+@real_scans.needs("registration", "stanford_bunny")
 def test_the_convention_of_bun_conf_as_noted():
     """x_world = R(conj(q)) x + t, see NOTES.md of the data."""
     T = read_poses(DATA / "registration/stanford_bunny/bun.conf", ["bun045.ply"])[0]

@@ -1,11 +1,11 @@
 """Real scans, where they are: the steel tee leaves its table, labels of a file are believed, a bunny of ten scans is one object."""
 
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import real_scans
 from scan2fea.filtering import clean_up
 from scan2fea.io import InputOptions, read_mesh, read_scan
 from scan2fea.kernel.distances import distance_to_mesh
@@ -16,8 +16,8 @@ from scan2fea.segmentation.metrics import agreement
 from scan2fea.simulation.shapes import posed
 from scan2fea.types import PointCloud, Scan
 
-DATA = Path(os.environ.get("SCAN2FEA_DATA", Path(__file__).parents[2] / "../shared/data"))
-pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the real scans are not here (SCAN2FEA_DATA)")
+DATA = real_scans.DATA
+pytestmark = real_scans.needs("structural")
 
 
 @pytest.mark.parametrize(("name", "x", "yaw"), [("table_8in10in_tee_x4y24_45.pcd", 0.1016, 45.0), ("table_8in10in_tee_x0y24.pcd", 0.0, 0.0)])

@@ -1,10 +1,9 @@
-import os
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+import real_scans
 from scan2fea.errors import InputError
 from scan2fea.io.pcap import datagrams
 from scan2fea.kernel.lidar_units import HDL32E, VLP16
@@ -12,7 +11,7 @@ from scan2fea.simulation.lidar import Hdl32eOptions, LidarOptions, PlanarOptions
 from scan2fea.simulation.motion import kinematics, path_of
 from sensed import block, clutter, nearest_by_brute_force, scene
 
-DATA = Path(os.environ.get("SCAN2FEA_DATA", Path(__file__).parents[2] / "../shared/data")) / "velodyne"
+DATA = real_scans.DATA / "velodyne"
 ROOM = scene(block((-20, -20, -2.2), (20, 20, -2)), block((7, -20, -3), (8, 20, 20)))
 HERE = {"positions_m": ((0.0, 0.0, 0.0),)}
 
@@ -28,14 +27,14 @@ def test_beams_of_the_hdl32e():
     assert rings_of(HDL32E.elevations_deg)[:3].tolist() == [0, 16, 1]
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="the real captures are not here (SCAN2FEA_DATA)")
+@real_scans.needs("velodyne")
 def test_elevations_are_those_of_the_makers_calibration():
     text = (DATA / "velodyne_default_calib_HDL-32.xml").read_text()
     told = [float(x) for x in re.findall(r"<vertCorrection_>([^<]+)<", text)][:32]
     np.testing.assert_allclose(HDL32E.elevations_deg, told, atol=1e-6)
 
 
-@pytest.mark.skipif(not DATA.is_dir(), reason="the real captures are not here (SCAN2FEA_DATA)")
+@real_scans.needs("velodyne")
 def test_azimuth_steps_are_those_of_a_real_unit():
     """Steps between firings, in hundredths of a degree, at the real unit's rate of turn: the same mean, spread and histogram."""
     content = np.fromfile(DATA / "monterey-first-100-packets.pcap", np.uint8)

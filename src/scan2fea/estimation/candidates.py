@@ -12,6 +12,7 @@ from scan2fea.estimation.anneal import annealed, climbed, on_the_ridge, ridge_re
 from scan2fea.estimation.face_weights import free_faces, seen_weights, set_price, snapped
 from scan2fea.estimation.initial import Start, starts
 from scan2fea.estimation.likelihood import Layout, SectionModel, StatedNoise, bounds, model_of, sigma_floor
+from scan2fea.estimation.other_face import other_faces
 from scan2fea.estimation.plausible import implausible_price
 from scan2fea.estimation.scoring import Scored
 from scan2fea.estimation.visible import likeliest_set, visible_sets
@@ -31,6 +32,7 @@ _WEB_MEDIAN, _WEB_SPREAD = 0.65, 0.5  # of tw / tf there, and of its log
 _RESOLVED = 4.0  # sigma: a box has the kurtosis of two Gaussian sheets 3.7 of their sigma apart; further apart are two sheets under any law of noise
 _FLATTEST_TUBE = 4.0  # h / b: nine in ten rectangular tubes of sections.csv are at most 3; flatter is rather a plate
 _STILL_IN = 100.0  # BIC units behind the best at which a hypothesis is dropped: no law of noise or trimming of the ends brought one back from there
+_WALLS = 4  # of a tube: each may be turned once
 _VERY_STRONG = 10.0  # BIC units (Kass and Raftery 1995)
 _LAW_PRICE = _VERY_STRONG  # that a law other than Gauss's must gain
 
@@ -261,7 +263,17 @@ def hidden_faces(scene: Scene, candidate: Candidate) -> list[Candidate]:
     found = _hidden_from(scene, candidate)
     limit = min(c.bic for c in found) - _VERY_STRONG
     opened = [c for theta in _opened(candidate.layout, candidate.theta) for c in _hidden_from(scene, replace(candidate, theta=theta))]
-    return found + [c for c in opened if c.bic < limit]
+    found += [c for c in opened if c.bic < limit]
+    for _ in range(_WALLS if candidate.family == "RHS" else 0):
+        plain = min((c for c in [candidate, *found] if not c.layout.free_faces), key=lambda c: c.bic)
+        seen = snapped(seen_weights(scene.model(plain.layout, plain.noise, None), plain.theta)) > 0.0
+        limit = min(c.bic for c in found) - _VERY_STRONG
+        turned = [c for theta in other_faces(plain.layout, plain.theta, seen) for c in _hidden_from(scene, replace(plain, theta=theta))]
+        better = [c for c in turned if c.bic < limit]
+        if not better:
+            break
+        found += better
+    return found
 
 
 def _opened(layout: Layout, theta: FloatArray) -> list[FloatArray]:

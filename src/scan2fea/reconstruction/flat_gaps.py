@@ -11,19 +11,18 @@ from scipy.spatial import cKDTree
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_normals, volume
 from scan2fea.kernel.primitives import Plane
-from scan2fea.reconstruction.hidden_volume import REACH, REACH_UNSEEN, hidden_check
+from scan2fea.reconstruction.hidden_volume import REACH, hidden_check
 from scan2fea.types import BoolArray, Check, FloatArray, TriangleMesh
 
 PIXEL = 0.5  # spacings
 MOST_PIXELS = 4e6  # of one face: a larger one is looked at more coarsely
-STAIRS = math.pi / 4.0  # length of a line over that of the steps of pixels along it, mean over all directions
 BESIDE = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
 def hidden_volume_flat(mesh: TriangleMesh, points: FloatArray, spacing_m: float) -> Check:
     """As `hidden_volume`, of a solid of flat faces (`face_region` is set), each triangle of which is larger than the gaps in it.
 
-    A gap has a place farther than REACH spacings from the points of its face, and goes on to where they are nearer than REACH_UNSEEN.
+    A gap is what lies farther than REACH spacings from the points of its face.
     points : (n, 3) measured, or inferred from a support that was seen.
     """
     region = np.zeros(len(mesh.faces), np.int64) if mesh.face_region is None else np.unique(mesh.face_region, return_inverse=True)[1].ravel()
@@ -56,10 +55,9 @@ def _gaps(plane: Plane, corners: FloatArray, places: FloatArray, tree: cKDTree, 
     if away.max() <= REACH * spacing_m:
         return []
     inside = _painted((flat - low) / pixel, shape)
-    bare = inside & (away > REACH * spacing_m)
-    patch = np.asarray(label(inside & (away > REACH_UNSEEN * spacing_m))[0])
+    patch, n_patches = label(inside & (away > REACH * spacing_m))
     found = []
-    for number in np.unique(patch[bare]):
+    for number in range(1, n_patches + 1):
         at = np.argwhere(patch == number)
         middles = (low + (at + 0.5) * pixel) @ axes + plane.offset * plane.normal
         sides = np.zeros(len(at), np.int64)
@@ -70,9 +68,9 @@ def _gaps(plane: Plane, corners: FloatArray, places: FloatArray, tree: cKDTree, 
             ends = ~on
             ends[on] = patch[i[on], j[on]] != number
             outer = np.flatnonzero(~on)
-            ends[outer] = np.asarray(tree.query(middles[outer])[0]) <= REACH_UNSEEN * spacing_m
+            ends[outer] = np.asarray(tree.query(middles[outer])[0]) <= REACH * spacing_m
             sides += ends
-        found.append((len(at) * pixel**2, STAIRS * pixel * float(sides.sum()), middles))
+        found.append((len(at) * pixel**2, pixel * float(sides.sum()), middles))
     return found
 
 

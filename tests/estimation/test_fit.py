@@ -183,6 +183,7 @@ def test_a_cap_tells_a_bar_and_its_absence_a_tube():
         ("T", ("FLANGE_OUTER",)),
         ("RHS", ("RIGHT_OUTER", "LEFT_OUTER", "TOP_INNER")),  # the only face of the top that was seen is its outer one
         ("RHS", ("BOTTOM_OUTER", "LEFT_INNER", "TOP_INNER")),
+        ("RHS", ("TOP_OUTER", "BOTTOM_OUTER", "LEFT_OUTER")),
     ],
 )
 def test_faces_that_were_not_seen(family, hidden):

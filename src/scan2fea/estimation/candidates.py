@@ -265,10 +265,10 @@ def hidden_faces(scene: Scene, candidate: Candidate) -> list[Candidate]:
     opened = [c for theta in _opened(candidate.layout, candidate.theta) for c in _hidden_from(scene, replace(candidate, theta=theta))]
     found += [c for c in opened if c.bic < limit]
     for _ in range(_WALLS if candidate.family == "RHS" else 0):
-        plain = min((c for c in [candidate, *found] if not c.layout.free_faces), key=lambda c: c.bic)
-        seen = snapped(seen_weights(scene.model(plain.layout, plain.noise, None), plain.theta)) > 0.0
-        limit = min(c.bic for c in found) - _VERY_STRONG
-        turned = [c for theta in other_faces(plain.layout, plain.theta, seen) for c in _hidden_from(scene, replace(plain, theta=theta))]
+        best = min(found, key=lambda c: c.bic)
+        theta, limit = best.theta[: len(candidate.theta)], best.bic - _VERY_STRONG  # the weights of its faces come last
+        seen = snapped(seen_weights(scene.model(candidate.layout, candidate.noise, None), theta)) > 0.0
+        turned = [c for other in other_faces(candidate.layout, theta, seen) for c in _hidden_from(scene, replace(candidate, theta=other))]
         better = [c for c in turned if c.bic < limit]
         if not better:
             break

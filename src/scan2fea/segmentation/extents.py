@@ -47,6 +47,14 @@ class Extent(Value):
         return np.asarray(((local >= self.low - wider) & (local <= self.high + wider)).all(axis=1))
 
 
+def principal(points: FloatArray) -> tuple[FloatArray, float, float]:
+    """Principal axes of points (m, 3), the longest first in columns, and the length and width of their box along them, m."""
+    centred = points - points.mean(axis=0)
+    axes = np.linalg.eigh(centred.T @ centred)[1][:, ::-1]
+    low, high = np.quantile(centred @ axes, [_TAIL, 1.0 - _TAIL], axis=0)
+    return np.asarray(axes), float(high[0] - low[0]), float((high - low)[1:].max())
+
+
 def extent_of(points: FloatArray, normals: FloatArray) -> Extent:
     middle = points.mean(axis=0)
     centred = points - middle

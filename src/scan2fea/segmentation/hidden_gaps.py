@@ -20,12 +20,12 @@ import numpy as np
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import noise_sigma, sampled_rows, spacing
 from scan2fea.kernel.spanning_tree import tree_parts
+from scan2fea.segmentation.extents import principal
 from scan2fea.segmentation.sweeps import across
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 _DRAWN = 4_000
 _SLENDER = 3.0  # length over width: EN 1992-1-1, 5.3.1, as in `members`
-_TAIL = 0.01
 _SAME = 0.9  # of the points of one end that lie on the section of the other
 _SPACINGS, _SIGMAS = 2.0, 4.0  # how far a point of the same section may lie from those of the other
 _STATIONS = 64  # a sensor that moves while it scans has no shadow of its own
@@ -82,11 +82,9 @@ def _bar(points: FloatArray, rows: IntArray, seed: int) -> _Bar | None:
     if not h > 0:
         return None
     sigma = noise_sigma(own, seed=seed)
-    centred = own - own.mean(axis=0)
-    axes = np.linalg.eigh(centred.T @ centred)[1][:, ::-1]
-    low, high = np.quantile(centred @ axes, [_TAIL, 1.0 - _TAIL], axis=0)
+    axes, length, width = principal(own)
     reach = _SPACINGS * h + _SIGMAS * (sigma if np.isfinite(sigma) else 0.0)
-    return _Bar(points=own, rows=drawn, axis=axes[:, 0], length=float(high[0] - low[0]), width=float((high - low)[1:].max()), reach_m=reach)
+    return _Bar(points=own, rows=drawn, axis=axes[:, 0], length=length, width=width, reach_m=reach)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -17,6 +17,7 @@ import numpy as np
 
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.spanning_tree import tree_parts
+from scan2fea.segmentation.extents import principal
 from scan2fea.segmentation.planes import Plane, large_planes
 from scan2fea.types import FloatArray, IntArray, Value
 
@@ -60,10 +61,7 @@ def one_section(points: FloatArray, parts: Sequence[IntArray], sensors: FloatArr
 
 def _part(points: FloatArray) -> _Part | None:
     """None where it is not slender."""
-    centred = points - points.mean(axis=0)
-    axes = np.linalg.eigh(centred.T @ centred)[1][:, ::-1]
-    low, high = np.quantile(centred @ axes, [_TAIL, 1.0 - _TAIL], axis=0)
-    length, width = float(high[0] - low[0]), float((high - low)[1:].max())
+    axes, length, width = principal(points)
     if not 0 < _SLENDER * width <= length:
         return None
     ends = np.quantile(points @ axes[:, 0], [_TAIL, 1.0 - _TAIL])

@@ -216,6 +216,18 @@ def test_things_on_a_floor_part_from_it_and_keep_their_points(sensor, seed):
         assert share > 0.999 if part == 0 else share >= (points[:, 2] > 0.0035).mean() - 1e-9
 
 
+def test_the_tails_of_a_floors_noise_stay_with_it():
+    """A small thing amid a large floor that is noisier in the middle: what strays beyond the floor's band had joined it from metres away."""
+    ground = floor(6.0, 6.0, h=0.02, sigma=1.0)
+    near = 1.0 / (1.0 + np.linalg.norm(ground[:, :2] - 3.0, axis=1))
+    ground[:, 2] *= 0.0012 * near
+    thing = seen_from_above(sampled(placed(shapes.cylinder(0.08, 0.2), (3.0, 3.0, 0.0)), h=0.007))
+    found, truth = segmented([covered(ground, [thing]), thing])
+    assert found.kinds == ("support", "object")
+    assert (found.labels[truth == 0] == 1).sum() < 30
+    assert found.how["radius_m"] < 0.05
+
+
 def test_a_floor_seen_from_the_wrong_side_is_kept():
     """With the sensor below, what sticks up are pockets of a body seen from its open side."""
     scene = things()

@@ -19,12 +19,13 @@ What carries things is followed by the walls that bound them (`walls`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from scan2fea.kernel.near_tree import NearTree
-from scan2fea.kernel.neighbors import radius_components
+from scan2fea.kernel.neighbors import k_nearest, radius_components
 from scan2fea.kernel.threads import in_threads
 from scan2fea.segmentation.footprint import (
     DIRECTIONS,
@@ -47,6 +48,8 @@ _LINED, _LINED_BUSY = 0.6, 0.75  # two walls of four line half of it, what leans
 _PARALLEL = 0.95
 _FOLLOWS = 0.5  # of the plane's length
 _MOST = 8  # supports per scene
+_STRAY_BANDS = 3.0  # nine sigma: the noise of a floor differs from place to place, its band is one
+_AMONG = 8  # nearest points, of which all but one must lie on the support
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -86,6 +89,7 @@ def find_supports(finder: PlaneFinder, sensors: FloatArray, radius_m: float, min
             todo.append((rows[~on], floor or plane))
     if planes:
         _take_walls(finder, sensors, number, planes, radius_m, min_points)
+        number = _with_strays(points, number, planes, tree)
     widths = tuple(_width(plane, points[number == i], radius_m) for i, plane in enumerate(planes))
     return Supports(number=number, planes=tuple(planes), width_m=widths)
 
@@ -107,6 +111,22 @@ def _take_walls(finder: PlaneFinder, sensors: FloatArray, number: IntArray, plan
             number[rows[on]] = len(planes)
             planes.append(plane)
             todo.append(rows[~on])  # the next wall of the corner
+
+
+def _with_strays(points: FloatArray, number: IntArray, planes: Sequence[Plane], tree: NearTree | None) -> IntArray:
+    """`number` with the tails of the supports' noise: points just off a support among its own.
+
+    A floor of 80,000 points leaves hundreds beyond three sigma, more where its noise is uneven. Left to what stands on it, they lie so far
+    apart that the radius found from them joins everything.
+    """
+    out = number.copy()
+    for i, plane in enumerate(planes):
+        off = np.flatnonzero(number < 0)
+        off = off[np.abs(plane.height(points[off])) <= _STRAY_BANDS * plane.band_m]
+        if len(off):
+            near = k_nearest(points, _AMONG + 1, points[off], tree)[1]
+            out[off[(number[near] == i).sum(axis=1) >= _AMONG - 1]] = i
+    return out
 
 
 def _width(plane: Plane, points: FloatArray, radius_m: float) -> float:

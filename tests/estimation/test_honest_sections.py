@@ -68,6 +68,13 @@ def test_what_needs_no_cap():
     assert inside_of(np.zeros((3, 3)), member("L", a=0.1, b=0.1, t=0.01, length=1.0)) == SOLID
 
 
+def test_a_guessed_wall_that_does_not_go_with_the_faces_seen_asks_only_the_outline():
+    """steel_shape2 at 90 degrees: the wall of a tube was guessed before its width was known to be less than two of them; the run ended in that."""
+    rng = np.random.default_rng(3)
+    full = np.vstack([sides(member("RHS", h=0.1, b=0.06, t=0.005, length=0.5), 4000, rng, loops=(0,)), cap(rng, 150, [0.03, 0.05])])
+    assert inside_of(full, member("RHS", untold=("t",), h=0.1, b=0.06, t=0.031, length=0.5)) == SOLID
+
+
 L_SEEN = ("A_OUTER", "A_INNER", "B_OUTER", "B_INNER", "A_TOE", "B_TOE")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from scan2fea.estimation.outline import outline_distance
 from scan2fea.estimation.swept import sweep_of_member
-from scan2fea.kernel.sections import section, section_area
+from scan2fea.kernel.sections import drawn, section_area
 from scan2fea.types import FloatArray, Member, Section
 
 SOLID, HOLLOW, UNKNOWN = "solid", "hollow", "unknown"
@@ -35,7 +35,7 @@ def inside_of(points: FloatArray, member: Member) -> str:
 
 def ends_show(points: FloatArray, member: Member) -> str:
     """What the points at the two end planes show: a full cap, a ring about an empty middle, or neither."""
-    outline, length = section(member.family, member.values()).loops[0], member.values()["length"]
+    outline, length = drawn(member.family, member.values()).loops[0], member.values()["length"]  # the wall, where only guessed, may not go with it
     narrow = float(np.ptp(outline, axis=0).min())
     skin = _DEEP * member.sigma_m
     core = max(skin, _THICKEST * narrow)

@@ -171,11 +171,11 @@ def section(family: str, values: Mapping[str, float], n_chords: int = 96) -> Sec
     Circles become inscribed polygons of `n_chords` edges, every edge with the same face name. Raises UsageError as `check_section`.
     """
     check_section(family, values)
-    return _drawn(family, values, n_chords)
+    return drawn(family, values, n_chords)
 
 
-def _drawn(family: str, values: Mapping[str, float], n_chords: int = 96) -> Section:
-    """The loops as the dimensions say, be it a section or not."""
+def drawn(family: str, values: Mapping[str, float], n_chords: int = 96) -> Section:
+    """The loops (k, 2), metres, as the dimensions say, be it a section or not: a wall may be no more than a guess."""
     if family in ROUND:
         return _round_section(family, values, n_chords)
     parameters = np.array([values[name] for name in PARAMETERS[family]])
@@ -220,5 +220,5 @@ def section_area_slopes(family: str, values: Mapping[str, float]) -> dict[str, f
     for name in PARAMETERS[family]:
         step = 1e-3 * min(values[n] for n in PARAMETERS[family])
         more, less = ({**values, name: values[name] + sign * step} for sign in (1, -1))
-        slopes[name] = (section_area(_drawn(family, more)) - section_area(_drawn(family, less))) / (2 * step)
+        slopes[name] = (section_area(drawn(family, more)) - section_area(drawn(family, less))) / (2 * step)
     return slopes

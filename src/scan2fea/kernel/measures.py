@@ -46,6 +46,12 @@ def vertex_normals(mesh: TriangleMesh) -> FloatArray:
     return np.asarray(np.divide(total, length, out=np.zeros_like(total), where=length > 0))
 
 
+def median_edge(mesh: TriangleMesh) -> float:
+    """Median length of the sides of all faces."""
+    sides = corners(mesh)
+    return float(np.median(np.linalg.norm(sides - np.roll(sides, 1, axis=1), axis=2)))
+
+
 def area(mesh: TriangleMesh) -> float:
     """Area of all faces, m2."""
     return float(face_areas(mesh).sum())

@@ -8,7 +8,7 @@ import numpy as np
 
 from scan2fea.errors import MeshingError, require
 from scan2fea.kernel.distances import PointToMesh
-from scan2fea.kernel.measures import volume
+from scan2fea.kernel.measures import median_edge, volume
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.primitives import Plane, meeting_point
 from scan2fea.kernel.quality import triangle_quality
@@ -23,6 +23,7 @@ from scan2fea.remeshing.planes import Neighbours, scale_of
 from scan2fea.remeshing.relax import near_places, relaxed
 from scan2fea.remeshing.relaxing import KINDS, relaxed_by
 from scan2fea.remeshing.sizing import CHORD, edge_goal
+from scan2fea.remeshing.thin import without_thin
 from scan2fea.types import TriangleMesh, Value
 
 EDGE_SPACINGS = 2.0
@@ -123,7 +124,7 @@ def remesh(mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spac
         mesh=result,
         planes=planes,
         n_taken_back=taken_back,
-        edge_m=float(np.median(np.linalg.norm(result.vertices[result.faces[:, 0]] - result.vertices[result.faces[:, 1]], axis=1))),
+        edge_m=median_edge(result),
         volume_drift=volume(result) / volume(mesh) - 1,
         moved_p95_m=float(np.percentile(moved, 95)),
         moved_max_m=float(moved.max()),
@@ -141,7 +142,11 @@ def _fit(found: Flattened, aim: _Aim, options: RemeshOptions) -> tuple[TriangleM
     """Even triangles that a mesher can use, how many steps were taken back, and what Lloyd or ODT did."""
     even, taken_back = _even(found.mesh, found.planes, aim, options)
     even, relaxed_how = relaxed_by(options.relax, even, options.relaxations, aim.drift_m)
-    return meshable(even if options.relax.endswith("free") else on_planes(even, found.planes)), taken_back, relaxed_how
+    if options.relax.endswith("free"):
+        return meshable(even), taken_back, relaxed_how
+    if options.rounds:
+        even = without_thin(even, max(aim.drift_m, CHORD * median_edge(even)))
+    return meshable(on_planes(even, found.planes)), taken_back, relaxed_how
 
 
 def _even(flat: TriangleMesh, planes: tuple[Plane, ...], aim: _Aim, options: RemeshOptions) -> tuple[TriangleMesh, int]:

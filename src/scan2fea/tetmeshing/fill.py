@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from scan2fea.errors import MeshingError, require
-from scan2fea.kernel.measures import extent
+from scan2fea.kernel.measures import extent, median_edge
 from scan2fea.kernel.measures import volume as enclosed_volume
 from scan2fea.kernel.processes import spent_s
 from scan2fea.kernel.quality import TET_LIMITS, tet_dihedrals, triangle_angles
@@ -226,9 +226,4 @@ def _from_surface(job: dict[str, Any], mesh: TriangleMesh, names: Names, limits:
     says = f"the mesher did not keep the triangles of the surface ({len(faces)} given, {len(boundary)} kept)"
     require(lost == 0 and (row[faces] >= 0).all(), MeshingError, says)
     tag = tagged(boundary, row[faces], names.tag_of_triangle)
-    return _Found(nodes=nodes, tets=got["tets"], boundary=boundary, face_tag=tag, done=str(got["done"]), edge_m=_median_edge(mesh))
-
-
-def _median_edge(mesh: TriangleMesh) -> float:
-    corners = mesh.vertices[mesh.faces]
-    return float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
+    return _Found(nodes=nodes, tets=got["tets"], boundary=boundary, face_tag=tag, done=str(got["done"]), edge_m=median_edge(mesh))

@@ -7,7 +7,7 @@ import pytest
 
 from scan2fea.types import CatalogueEntry, Member, Parameter
 from scan2fea.verification.limits import limits
-from scan2fea.verification.member import member_checks, relative_volume_std
+from scan2fea.verification.member import member_checks, open_walls, relative_volume_std
 
 LENGTH = 2.0
 
@@ -95,3 +95,12 @@ def test_a_wall_without_an_end_is_refused() -> None:
     assert failed(replace(angle(), seen={"A_TOE": 0.1, "B_TOE": 1.0})) == []
     assert failed(replace(angle(), seen={"A_TOE": 0.099, "B_TOE": 1.0})) == ["member.open_walls"]
     assert failed(replace(angle(), seen={"A_OUTER": 0.0, "B_OUTER": 1.0})) == ["member.open_walls"]
+
+
+def test_an_i_that_shows_what_a_z_shows_is_open() -> None:
+    toes = ("BOTTOM_TOE_RIGHT", "TOP_TOE_LEFT", "BOTTOM_TOE_LEFT", "TOP_TOE_RIGHT")
+    z = dict.fromkeys(toes[:2], 1.0) | dict.fromkeys(toes[2:], 0.0) | {"BOTTOM_OUTER": 0.54, "TOP_OUTER": 0.54}
+    assert open_walls(replace(angle(), family="I", seen=z)) == 1
+    assert open_walls(replace(angle(), family="I", seen={**z, "TOP_OUTER": 0.75})) == 0  # it goes on beyond the web
+    assert open_walls(replace(angle(), family="I", seen={**z, "TOP_TOE_RIGHT": 1.0})) == 0
+    assert open_walls(replace(angle(), family="I", seen=z, reached=("BOTTOM_TOE_LEFT",))) == 0

@@ -1,12 +1,16 @@
 """Does a face go on beyond the corner at which its section ends it? Then the section is only part of what was scanned.
 
 An I of which the scan ends just beside its web looks like a channel with two short strips in line with its flanges: too few points to be a second
-body, and yet a channel has none there.
+body, and yet a channel has none there. A Z looks like an I of which half of each flange was not seen, but its web runs through, to the outer face of
+the flange: where a neighbour was not seen, a face may not go on into the wall that the neighbour would bound.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
 
 from scan2fea.estimation.ends import RunEnd, run_end
 from scan2fea.estimation.explain import TOLERANCE
@@ -35,13 +39,13 @@ def continued(points: FloatArray, member: Member) -> str:
     local = local[(local[:, 2] > margin) & (local[:, 2] < member.values()["length"] - margin)]
     band = max(_BAND_SIGMAS * sigma, _BAND_SIZE * size)
     found: dict[str, list[tuple[Face, RunEnd]]] = {}
-    for one, other in _corners(member):
+    for one, other, thick in _corners(member):
         away = one.outward * (local[:, one.axis] - one.place)
         width = one.high - one.low
-        start = max(_CORNER * width, _BAND_SIGMAS * sigma) - width
-        out = other.outward * (local[:, other.axis] - other.place)
-        out = out[(away > -_ROUNDING * size) & (away < band) & (out > start) & (out < width)]
-        if len(out) >= _LEAST and start <= -0.5 * width:
+        start, reach = max(_CORNER * width, _BAND_SIGMAS * sigma) - width, min(width, thick - band)
+        out = np.sign(other.place - 0.5 * (one.low + one.high)) * (local[:, other.axis] - other.place)
+        out = out[(away > -_ROUNDING * size) & (away < band) & (out > start) & (out < reach)]
+        if reach > TOLERANCE * size and len(out) >= _LEAST and start <= -0.5 * width:
             cap_m = _OF_OTHER * sigma if member.seen.get(other.name, 1.0) >= SEEN else 0.0
             found.setdefault(other.name, []).append((one, run_end(out, sigma, start, cap_m)))
     for name, ends in found.items():
@@ -55,10 +59,23 @@ def continued(points: FloatArray, member: Member) -> str:
     return ""
 
 
-def _corners(member: Member) -> Iterator[tuple[Face, Face]]:
-    """Each seen face with each neighbour at which it ends, with nothing of the section beyond."""
+def _corners(member: Member) -> Iterator[tuple[Face, Face, float]]:
+    """Each seen face with each neighbour at which it ends, and how far beyond points are asked.
+
+    Any distance where the corner stands out, as the section has nothing there; where it does not, through the wall that a neighbour not seen bounds.
+    """
     for loop in straight_faces(member)[:1]:
         for i, face in enumerate(loop):
+            if member.seen.get(face.name, 1.0) < SEEN:
+                continue
             for other in (loop[i - 1], loop[(i + 1) % len(loop)]):
-                if ends_at(face, other) and member.seen.get(face.name, 1.0) >= SEEN:
-                    yield face, other
+                if ends_at(face, other):
+                    yield face, other, math.inf
+                elif member.seen.get(other.name, 1.0) < SEEN:
+                    yield face, other, _thickness(loop, face, other)
+
+
+def _thickness(loop: Sequence[Face], face: Face, other: Face) -> float:
+    """From a face to the one behind it, where the line of its neighbour would meet it."""
+    behind = [f for f in loop if f.axis == other.axis and f.outward == -other.outward and f.low < face.place < f.high]
+    return min((d for f in behind if (d := (other.place - f.place) * other.outward) > 0), default=0.0)

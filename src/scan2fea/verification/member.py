@@ -20,6 +20,7 @@ TOES = {
     "T": (("WEB_TOE",), ("FLANGE_TOE_RIGHT",), ("FLANGE_TOE_LEFT",)),
 }
 WALLS = ("t", "tw", "tf")  # may come from the catalogue; the verdict then says so. The sides of a bar are no walls.
+_BOTH_HALVES = 0.75  # of a flange's outer face: half of the half beyond the web at least
 STANDARD = 0.95  # probability at which the outer dimensions are those of a standard section
 
 
@@ -51,7 +52,15 @@ def open_walls(member: Member) -> int:
     Its mirror image may tell a toe, or where both its neighbours stop.
     """
     told = {name for name, share in member.seen.items() if share >= SEEN} | {*member.told_toes, *member.reached}
-    return sum(all(name in member.seen and name not in told for name in group) for group in TOES.get(member.family, ()))
+    open_ones = sum(all(name in member.seen and name not in told for name in group) for group in TOES.get(member.family, ()))
+    return open_ones or int(member.family == "I" and _may_be_z(member, told))
+
+
+def _may_be_z(member: Member, told: set[str]) -> bool:
+    """Whether an I shows one half of each flange, on opposite sides of the web, and neither flange's outer face on both: a Z has the same faces."""
+    one, other = ("BOTTOM_TOE_RIGHT", "TOP_TOE_LEFT"), ("BOTTOM_TOE_LEFT", "TOP_TOE_RIGHT")
+    is_z = any(member.seen.keys() >= {*a, *b} and {*a} <= told and told.isdisjoint(b) for a, b in ((one, other), (other, one)))
+    return is_z and max(member.seen.get(name, 1.0) for name in ("BOTTOM_OUTER", "TOP_OUTER")) < _BOTH_HALVES
 
 
 def walls_in_noise(member: Member) -> int:

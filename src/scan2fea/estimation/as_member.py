@@ -28,6 +28,7 @@ from scan2fea.types import BoolArray, FloatArray, Member, Parameter
 _UNSEEN = 0.05  # points per metre against the densest face: what noise carries over from its neighbours
 _REACH = "it is only how far the scan reaches: no two faces that were seen fix it"
 BLENDED = "its two faces do not stand apart: one face under wider noise explains the points too"
+_EDGES = ("LEFT", "RIGHT")  # of a flat: where it may be one face, what looks like them may be where the scan ends
 _HALF = 0.5  # of a wall that may be one face
 _CHORD = 2e-3  # of the section: circles bulge so far beyond their polygons, and exact points are rounded
 _NEAR_SIGMAS = 4.0  # from the section: what lies further off has no say about the ends
@@ -158,8 +159,10 @@ def blind_plate(fit: SectionFit, name: str) -> bool:
 def honest(points: FloatArray, member: Member, options: MemberOptions) -> tuple[Member, Mapping[str, str]]:
     """The member without the dimensions that rest on how far a face reaches, or on a wall that may be one face; and why each is not observable."""
     seen = [name for name, share in member.seen.items() if share >= SEEN]
-    fixed = pinned(member.family, [*seen, *member.reached])
     one_face = blended(points, member, seen) if options.sigma_m is None else frozenset()
+    if member.family == "rect" and ("t" in one_face or not all(p.observable for p in member.parameters if p.name == "t")):
+        seen = [name for name in seen if name not in _EDGES]
+    fixed = pinned(member.family, [*seen, *member.reached])
     fitted = [p.name for p in member.parameters if p.name != "length" and p.source == "fitted" and p.observable]
     why = {name: _REACH if name not in fixed else BLENDED for name in fitted if name not in fixed or name in one_face}
     if why.get("t") == BLENDED and member.family in ("RHS", "CHS"):

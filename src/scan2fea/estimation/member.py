@@ -17,6 +17,7 @@ from scan2fea.estimation.along_axis import MemberOptions as MemberOptions
 from scan2fea.estimation.along_axis import freed, likeliest
 from scan2fea.estimation.as_member import BLENDED, blind_plate, ends_of, honest, member_of, near_section, seen_faces, significant, with_reach
 from scan2fea.estimation.axis import Axis, axes_of
+from scan2fea.estimation.beside import beside
 from scan2fea.estimation.caps import HOLLOW, SOLID, ends_show, inside_of
 from scan2fea.estimation.changing import changing, is_better
 from scan2fea.estimation.continued import continued
@@ -210,7 +211,7 @@ def _swept(
     if hidden is not None:
         sweep, fit = with_reach(one.member, fit, hidden)
         one = _between_ends(points, sweep, fit, options, fixed, one.wall_m, hidden.faces)
-    more = continued(points, one.member) if one.told.explains else ""
+    more = (continued(points, one.member) or beside(points, one.member)) if one.told.explains else ""
     told = dataclasses.replace(one.told, explains=False, reason=more) if more else one.told
     p_fixed, given = _tested(fixed, told_free, fit.family, one.ends)
     return MemberFit(

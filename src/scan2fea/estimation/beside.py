@@ -1,0 +1,64 @@
+"""Does something run along beside the member, as dense as its own faces? Then the section is only part of what was scanned.
+
+A tee of which the web's end was seen and nothing else of the web is a flat with a strip beside it: too few points to be a second body, yet
+clutter neither keeps to one line along the member nor lies there as close as on its faces. Only what lies outside the hull of the section counts:
+fillets and roundings lie within.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.spatial import ConvexHull, cKDTree
+from scipy.special import pdtrc
+
+from scan2fea.estimation.explain import TOLERANCE
+from scan2fea.estimation.swept import sweep_of_member
+from scan2fea.kernel.sections import section
+from scan2fea.types import FloatArray, Member
+from scan2fea.units import MILLIMETRES_PER_METRE
+
+_SIGMAS = 4.0  # off the hull, and about a place: the points of one line along the member
+_DENSITY = 0.25  # of the member's faces, where below it a face counts as not seen (`face_weights`)
+_BY_CHANCE = 1e-3  # of all strays together
+_LEAST = 60  # points
+_SLICES, _IN_EACH = 6, 0.25  # along the member: each holds that part of its share
+
+
+def beside(points: FloatArray, member: Member) -> str:
+    """Why the section is only part of what was scanned; "" where nothing runs along beside it. points : (n, 3) metres."""
+    shape, length = section(member.family, member.values()), member.values()["length"]
+    outer = shape.loops[0]
+    reach = _SIGMAS * member.sigma_m + TOLERANCE * float(np.linalg.norm(np.ptp(outer, axis=0)))
+    local = sweep_of_member(member).coordinates(points)
+    local = local[(local[:, 2] > 0) & (local[:, 2] < length)]
+    sides = ConvexHull(outer).equations
+    away = (local[:, :2] @ sides[:, :2].T + sides[:, 2]).max(axis=1)
+    strays, away = local[away > reach], away[away > reach]
+    if len(strays) < _LEAST:
+        return ""
+    tree = cKDTree(strays[:, :2])
+    place = int(np.argmax(tree.query_ball_point(strays[:, :2], reach, return_length=True)))
+    own = tree.query_ball_point(strays[place, :2], reach)
+    outline = sum(float(np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1).sum()) for loop in shape.loops)
+    share = math.pi * reach**2 / float(np.prod(np.ptp(local[:, :2], axis=0)))
+    is_dense = len(own) / (2 * reach) > _DENSITY * (len(local) - len(strays)) / outline  # points a metre of section
+    if not (is_dense and _is_crowd(len(own), len(strays), share) and _runs_along(strays[own, 2], length)):
+        return ""
+    return (
+        f"{len(own)} points run along beside a {member.family} member, {MILLIMETRES_PER_METRE * float(np.median(away[own])):.3g} mm off it "
+        "and as close as on its faces: it is only part of what was scanned, or something else lies beside it; scan the rest, or segment it"
+    )
+
+
+def _is_crowd(n: int, n_strays: int, share: float) -> bool:
+    """Whether n strays about one place are more than chance brings there and twice their share, were all even over the box of the points."""
+    expected = n_strays * min(share, 1.0)
+    return n >= _LEAST and n > 2 * expected and float(pdtrc(n - 1, expected)) * n_strays < _BY_CHANCE
+
+
+def _runs_along(z: FloatArray, length: float) -> bool:
+    """Whether points at heights z (n,) are found in every stretch of the member."""
+    counts = np.bincount(np.minimum((z / length * _SLICES).astype(int), _SLICES - 1), minlength=_SLICES)
+    return bool(counts.min() >= _IN_EACH * len(z) / _SLICES)

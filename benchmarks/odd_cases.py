@@ -233,7 +233,7 @@ def main() -> None:
     given.add_argument("--only", default="", help="names of parts, or scene")
     given.add_argument("--scenes", type=int, default=6)
     chosen = given.parse_args()
-    jobs = [(name, WAYS[k % len(WAYS)]) for k, name in enumerate(PARTS)]
+    jobs = [(name, WAYS[(k + chosen.seed + 3) % len(WAYS)]) for k, name in enumerate(PARTS)]
     jobs += [("scene", ("stations", "bare", "even")[k % 3]) for k in range(chosen.scenes)]
     for number, (name, way) in enumerate(jobs):
         if chosen.only and name not in chosen.only.split(","):

@@ -182,3 +182,25 @@ def test_a_beam_whose_noise_is_three_walls_stays_whole():
     found = segment_scene(Scan(cloud=PointCloud.of(points)))
     assert [kind for kind in found.kinds if kind == "object"] == ["object"]
     assert (found.labels >= 0).mean() > 0.99
+
+
+# ---- openings in a web
+
+
+def with_windows(h, length, pitch, opening):
+    """Points of an I along z whose web has windows of 0.6 h by `opening`, one every `pitch`."""
+    points = sampled(shapes.i_beam(h, 0.5 * h, 0.05 * h, 0.07 * h, length), h=0.005, sigma=0.0005)
+    is_web = (np.abs(points[:, 0]) < 0.04 * h) & (np.abs(points[:, 1] - points[:, 1].mean()) < 0.3 * h)
+    return points[~(is_web & ((points[:, 2] - 0.2 * pitch) % pitch < opening))]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_beam_with_openings_in_its_web_is_one(seed):
+    points = with_windows(0.25, 1.5, 0.225, 0.17) @ random_rotation(seed).T
+    assert (members(points) == 0).all()
+
+
+def test_two_beams_with_ties_farther_apart_than_they_are_deep_are_two():
+    points = with_windows(0.12, 1.6, 0.5, 0.46)
+    found = members(points)
+    assert set(found[points[:, 1] > 0.55 * points[:, 1].max()]).isdisjoint(found[points[:, 1] < 0.45 * points[:, 1].min()])

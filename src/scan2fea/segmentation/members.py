@@ -26,6 +26,7 @@ from scan2fea.kernel.voxels import voxel_mean
 from scan2fea.segmentation.extents import Extent, extent_of
 from scan2fea.segmentation.leaves import apart_from_leaves, leaves_of, share_of_surfaces
 from scan2fea.segmentation.sweeps import GAP, ONE_FACE, SLICE, across, directions, refined_axis, run_lengths, slice_profile
+from scan2fea.segmentation.web_openings import with_openings
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 LONG = 6.0  # a member's length over the larger side of its section, for a cluster to fall apart because of it
@@ -96,7 +97,8 @@ def _of_surfaces(points: FloatArray, thin: _Thin, min_points: int, seed: int) ->
     if chosen is None:
         return whole
     member, extents = chosen
-    labels = _filled(thin, _run_through(thin, member, extents), extents)[thin.of_point]
+    filled = _filled(thin, _run_through(thin, member, extents), extents)
+    labels = with_openings(thin.points, filled, extents, thin.h, _LINK * thin.h)[thin.of_point]
     counts = np.bincount(labels)
     if (counts < min_points).any():
         large = counts >= min_points

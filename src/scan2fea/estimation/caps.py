@@ -19,18 +19,43 @@ _THICKEST = 0.25  # of the smaller side: no wall is thicker (sections.csv: 0.18 
 _NEAR = 0.002  # of the length: what an end plane is good to where the noise is less
 _CAP, _LEAST = 1 / 3, 10.0  # a cap that was scanned is at least that dense against the sides, and shows that many points
 _EMPTY = 0.1  # of a full cap
+_SHORT = 3.0  # widths: shorter things that are hollow are as often pots as tubes
 
 
 def inside_of(points: FloatArray, member: Member) -> str:
-    """SOLID, HOLLOW or UNKNOWN. points : (n, 3) metres, of the member. Open sections show their walls, and a plate is no tube: solid."""
+    """SOLID, HOLLOW or UNKNOWN. points : (n, 3) metres, of the member. Open sections show their walls, and a plate is no tube: solid.
+
+    Of a short tube both ends must be seen to be open.
+    """
     values = member.values()
     if member.family not in ("rect", "round", "RHS", "CHS"):
         return SOLID
     if member.family == "rect" and max(values["b"], values["t"]) > FLATTEST_TUBE * min(values["b"], values["t"]):
         return SOLID
     if any(p.name == "t" and p.observable for p in member.parameters) and member.family in ("RHS", "CHS"):
-        return HOLLOW
+        is_short = values["length"] < _SHORT * float(np.ptp(section(member.family, values).loops[0], axis=0).max())
+        return UNKNOWN if is_short and not _opens(points, member) else HOLLOW
     return ends_show(points, member)
+
+
+def _opens(points: FloatArray, member: Member) -> bool:
+    """Whether the inner face of a tube was seen up to both its ends, or the rings of these: what is short and closed below is a pot."""
+    values = member.values()
+    shape = section(member.family, values)
+    local = sweep_of_member(member).coordinates(points)
+    side, edge, _ = outline_distance(shape, local[:, :2])
+    skin, n_outer = _DEEP * member.sigma_m, len(shape.loops[0])
+    within = (edge >= n_outer) & (np.abs(side) < skin)
+    perimeter = float(np.linalg.norm(np.roll(shape.loops[1], -1, axis=0) - shape.loops[1], axis=1).sum())
+    outer = float(np.linalg.norm(np.roll(shape.loops[0], -1, axis=0) - shape.loops[0], axis=1).sum())
+    density = float(((edge < n_outer) & (np.abs(side) < skin)).sum()) / (outer * values["length"])
+    stretch = max(values["t"], _LEAST / (_CAP * density * perimeter)) if density > 0 else values["length"]
+    for z, normal in zip((0.0, values["length"]), member.end_normals, strict=True):
+        away = np.abs((local - np.array([0.0, 0.0, z])) @ normal)
+        ring = (edge >= n_outer) & (side < -0.5 * skin) & (away < skin)  # nearer to the inner face: a dish has left the plane there
+        if int(((within & (away < stretch)) | ring).sum()) < _CAP * density * perimeter * stretch:
+            return False
+    return True
 
 
 def ends_show(points: FloatArray, member: Member) -> str:

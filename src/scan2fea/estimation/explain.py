@@ -1,12 +1,13 @@
 """Whether a member explains the points within their noise: not by the rms alone, which a wrong shape with wide noise also brings down.
 
-Four figures, each with what it is measured against:
+Five figures, each with what it is measured against:
 
     pattern   The points are dealt to cells of the member's surface (stretches of the outline x stretches of the length). Noise averages out in a
               cell, a wrong shape does not. What the model itself would show in the same cell (walls as thin as the noise pull the nearest face
               about) is taken from points drawn from it.
     strays    Points off the surface by more than noise. Clutter is thin and anywhere; a second body, a stiffener or a dome is a crowd.
     voids     Empty places enclosed in a face that was seen all around: holes. (What lies open to the rim of a face may simply be hidden.)
+    ends      They are planes (`end_faces.py`).
     noise     The scatter around the member against the scatter of neighbouring points around their own surface.
 
 A departure that mill tolerances allow is none: 1 % of the section's size (EN 10034, EN 10056-2, EN 10210-2 allow that much and more).
@@ -23,6 +24,7 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 from scipy.special import chdtr, chdtrc
 
+from scan2fea.estimation.end_faces import n_not_flat
 from scan2fea.estimation.outline import outline_distance
 from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.noise import noise_sigma, sampled_rows
@@ -126,11 +128,12 @@ def explanation(
         "pattern_share": cells.pattern_m / sigma_m,
         "slenderness": values["length"] / width,
     }
-    reason = _reason(figures, voids, member, along_rays)
+    not_flat = n_not_flat(surface.side, surface.beyond, sigma_m, reach, values["length"])
+    reason = _reason(figures, voids, not_flat, member, along_rays)
     return Explanation(explains=not reason, reason=reason or _praise(figures, member), voids=voids, seen=seen, cells=cells.n, **figures)
 
 
-def _reason(f: Mapping[str, float], voids: int, member: Member, along_rays: bool) -> str:
+def _reason(f: Mapping[str, float], voids: int, not_flat: int, member: Member, along_rays: bool) -> str:
     """Why the member does not explain the points; empty where it does."""
     what = f"a {member.family} member"
     if f["slenderness"] < MIN_SLENDER and member.family != "rect":
@@ -160,6 +163,8 @@ def _reason(f: Mapping[str, float], voids: int, member: Member, along_rays: bool
             f"the noise is too wide to be told from shape, and {100 * f['pattern_share']:.0f} % of it (limit {100 * max_pattern:.0f} %) "
             f"is pattern about {what}"
         )
+    if not_flat:
+        return f"{not_flat} end{'s' if not_flat > 1 else ''} of {what} would be no plane (dished, rounded, or another body): leave it to reconstruction"
     if voids:
         return f"{voids} hole{'s' if voids > 1 else ''} in faces that were seen all around: {what} has none"
     return ""
@@ -183,22 +188,29 @@ def _praise(f: Mapping[str, float], member: Member) -> str:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Surface:
-    """Per point: signed distance to the solid's surface, nearest edge and place along it, height; whether an end plane is nearer than the sides."""
+    """Per point: signed distance to the solid's surface, nearest edge and place along it, height; distance to the sides and beyond each end plane."""
 
     distance: FloatArray
     edge: IntArray
     along: FloatArray
     z: FloatArray
-    on_cap: BoolArray
+    side: FloatArray
+    beyond: FloatArray
 
     @classmethod
     def of(cls, shape: Section, member: Member, local: FloatArray) -> _Surface:
         side, edge, along = outline_distance(shape, local[:, :2])
         ends = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, member.values()["length"]]])
-        beyond = np.stack([(local - end) @ normal for end, normal in zip(ends, member.end_normals, strict=True)], 1).max(axis=1)
-        both = (side > 0) & (beyond > 0)
-        distance = np.where(both, np.hypot(side, beyond), np.maximum(side, beyond))
-        return cls(distance=distance, edge=edge, along=along, z=local[:, 2], on_cap=beyond > side)
+        beyond = np.stack([(local - end) @ normal for end, normal in zip(ends, member.end_normals, strict=True)], 1)
+        farther = beyond.max(axis=1)
+        both = (side > 0) & (farther > 0)
+        distance = np.where(both, np.hypot(side, farther), np.maximum(side, farther))
+        return cls(distance=distance, edge=edge, along=along, z=local[:, 2], side=side, beyond=beyond)
+
+    @property
+    def on_cap(self) -> BoolArray:
+        """Whether an end plane is nearer than the sides."""
+        return np.asarray(self.beyond.max(axis=1) > self.side)
 
 
 @dataclass(frozen=True, kw_only=True)

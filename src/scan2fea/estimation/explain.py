@@ -164,7 +164,7 @@ def _reason(f: Mapping[str, float], voids: int, not_flat: int, member: Member, a
             f"is pattern about {what}"
         )
     if not_flat:
-        return f"{not_flat} end{'s' if not_flat > 1 else ''} of {what} would be no plane (dished, rounded, or another body): leave it to reconstruction"
+        return f"{not_flat} end{'s' * (not_flat > 1)} of {what} would be no plane (dished, rounded, or a second body): leave it to reconstruction"
     if voids:
         return f"{voids} hole{'s' if voids > 1 else ''} in faces that were seen all around: {what} has none"
     return ""

@@ -9,7 +9,7 @@ import numpy as np
 
 from scan2fea.estimation.outline import outline_distance
 from scan2fea.estimation.swept import sweep_of_member
-from scan2fea.kernel.sections import drawn, section_area
+from scan2fea.kernel.sections import drawn, section, section_area
 from scan2fea.types import FloatArray, Member, Section
 
 SOLID, HOLLOW, UNKNOWN = "solid", "hollow", "unknown"

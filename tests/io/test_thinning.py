@@ -1,8 +1,15 @@
 """Scans beyond `input.memory_gib` become voxel means while they are read."""
 
-import numpy as np
+import re
 
+import numpy as np
+import pytest
+
+from scan2fea.errors import InputError
 from scan2fea.io import InputOptions, read_scan
+from scan2fea.io.ply_writer import write_mesh_ply
+from scan2fea.io.scan import BYTES_PER_FACE
+from scan2fea.types import TriangleMesh
 
 
 def dense(n, offset=0.0):
@@ -45,3 +52,14 @@ def test_budget_is_inclusive(tmp_path):
     assert read_scan(tmp_path / "a.npy", InputOptions(memory_gib=0.1)).voxel_edge_m is None
     np.save(tmp_path / "b.npy", dense(350_897))
     assert read_scan(tmp_path / "b.npy", InputOptions(memory_gib=0.1)).voxel_edge_m is not None
+
+
+def test_a_surface_of_more_faces_than_fit_is_refused_with_both_numbers(tmp_path):
+    limit = int(0.1 * 2**30 / BYTES_PER_FACE)
+    vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    for n in (limit, limit + 1):
+        write_mesh_ply(tmp_path / f"{n}.ply", TriangleMesh(vertices=vertices, faces=np.tile([0, 1, 2], (n, 1))))
+    assert len(read_scan(tmp_path / f"{limit}.ply", InputOptions(memory_gib=0.1)).mesh.faces) == limit
+    says = f"{limit + 1}.ply has {limit + 1} faces, {limit} fit into input.memory_gib: raise it, or simplify the surface"
+    with pytest.raises(InputError, match=re.escape(says)):
+        read_scan(tmp_path / f"{limit + 1}.ply", InputOptions(memory_gib=0.1))

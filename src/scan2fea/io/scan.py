@@ -23,6 +23,9 @@ from scan2fea.units import BYTES_PER_GIB, METRES_PER_UNIT, metres_per
 # a point of the later chain: coordinates, ray, indices, normals, neighbours (about 15 of 8 bytes); and 56 more for the ray itself
 BYTES_PER_POINT = 250
 BYTES_PER_RAY = 56
+# a face of a surface in repair and remeshing: its edges and their neighbours, boxes for crossings, a tree for distances
+# (a torus of 102,400 and of 409,600 took 502 in repair, 617 and 623 with remeshing)
+BYTES_PER_FACE = 650
 _MOST_RINGS = 65536
 CAPTURE = "pcap"  # the format whose files hold many turns
 
@@ -95,7 +98,7 @@ def read_scan(path: Path, options: InputOptions = InputOptions()) -> RawScan:
     limit = int(options.memory_gib * BYTES_PER_GIB / (BYTES_PER_POINT + BYTES_PER_RAY))
     try:
         gathered = gather(path, lambda: _with_sensor(source, wanted, options), wanted, scale, limit, keep_rows=source.faces is not None)
-        mesh = _mesh(path, source, gathered)
+        mesh = _mesh(path, source, gathered, int(options.memory_gib * BYTES_PER_GIB / BYTES_PER_FACE))
     except MemoryError as error:
         raise InputError(f"{path} does not fit into memory: thin it, or lower input.memory_gib") from error
     usable = gathered.n_rows - gathered.n_dropped - gathered.n_misses
@@ -156,12 +159,14 @@ def _with_sensor(source: Source, wanted: tuple[str, ...], options: InputOptions)
         yield Piece(points=piece.points, columns=piece.columns, sensor=sensor, is_miss=piece.is_miss, direction=piece.direction)
 
 
-def _mesh(path: Path, source: Source, gathered: Gathered) -> TriangleMesh | None:
+def _mesh(path: Path, source: Source, gathered: Gathered, limit: int) -> TriangleMesh | None:
     if source.faces is None:
         return None
     faces = source.faces()
     if len(faces) == 0:
         return None
+    says = f"{path} has {len(faces)} faces, {limit} fit into input.memory_gib: raise it, or simplify the surface"
+    require(len(faces) <= limit, InputError, says)
     n = len(gathered.points)
     require(
         int(faces.min()) >= 0 and int(faces.max()) < n,

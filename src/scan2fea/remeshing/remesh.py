@@ -173,8 +173,8 @@ def _even(flat: TriangleMesh, planes: tuple[Plane, ...], aim: _Aim, options: Rem
         for crossed in trouble:
             near |= near_places(surface, crossed, (1 + restart) * float(np.median(goal)))
         smooth = relaxed(surface, near)
-        if len(self_intersections(smooth)):
-            break
+        if np.array_equal(smooth.vertices, surface.vertices) or len(self_intersections(smooth)):
+            break  # planes hold what is in the way: all would come out the same again
         surface = smooth
     return best, taken_back
 

@@ -21,7 +21,8 @@ def isosurface(field: Field, seed: int = 0) -> tuple[TriangleMesh, int]:
     """The surface and the number of its parts. Raises ReconstructionError if the field holds nothing."""
     edge = EDGE_CELLS * field.cell_m
     points = spread(_crossings(field), NEAREST * edge)
-    require(len(points) >= 4, ReconstructionError, "the rays leave nothing filled: are they those of one object?")
+    says = "the rays leave nothing filled behind the points: seen from one side only, or not one object; scan the other side too, or segment it"
+    require(len(points) >= 4, ReconstructionError, says)
     tetra = tetrahedralise(points, edge, seed)
     middle = tetra.points[tetra.tets].mean(axis=1)
     value = map_coordinates(field.value, ((middle - field.low) / field.cell_m).T, order=1, mode="nearest")

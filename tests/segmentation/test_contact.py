@@ -5,9 +5,11 @@ import pytest
 
 from scan2fea.kernel.distances import distance_to_mesh, sample_surface
 from scan2fea.kernel.measures import area
+from scan2fea.kernel.section_likelihood import faces
 from scan2fea.kernel.transforms import random_rotation, rigid, rotation_about
 from scan2fea.segmentation import SegmentationOptions, contact_points, segment_scene
 from scan2fea.simulation import LabOptions, shapes, simulate_lab
+from scan2fea.simulation.member import MemberScanOptions, member_points
 from scan2fea.types import PointCloud, Scan, Segments
 
 H, SIGMA = 0.008, 0.0004
@@ -186,3 +188,20 @@ def test_same_again_and_nothing_else_in_the_scene():
     assert added(cloud, segments)[1].points.tobytes() == added(cloud, segments)[1].points.tobytes()
     alone = cloud.take(segments.labels == 1)
     assert contact_points(alone, alone, Segments(labels=np.zeros(len(alone), np.int64), kinds=("object",), how={}), 0) is alone
+
+
+def leg_and_foot(seed):
+    """An angle of which one leg's inner face was not seen: the outside of that leg is a plane, and at its edge the other one rises."""
+    values = {"a": 0.355, "b": 0.282, "t": 0.024, "length": 3.0}
+    seen = tuple(name for name in faces("L") if name != "A_INNER")
+    points = member_points("L", values, 17_000, MemberScanOptions(noise_m=5e-4, faces=seen, caps=True, seed=seed))
+    return points, np.abs(points[:, 0] - points[:, 0].min()) < 4 * 5e-4
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_the_leg_of_an_angle_is_no_floor(seed) -> None:
+    """Its other leg had been given a foot there and was built as a flat that stands on a floor."""
+    points, is_leg = leg_and_foot(seed)
+    segments = Segments(labels=np.where(is_leg, 0, 1), kinds=("support", "object"), how={})
+    _, found = added(PointCloud.of(points), segments)
+    assert found.is_inferred is None or not found.is_inferred.any()

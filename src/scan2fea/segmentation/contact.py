@@ -27,6 +27,7 @@ _DOWN_SHARE = 0.9  # ... nearly all around: what hangs lower than its shadow tel
 _COVERED = 0.95  # of a piece has the object overhead
 _SEEN = 0.05  # of the points that a visible floor would show in a piece
 _BESIDE, _BESIDE_SHARE = 3.0, 0.5  # the support is seen within so many of its spacings of so much of the ring
+_WAYS, _BEYOND = 3, 10  # of the four ways along and across the rim, in which so many points of the support lie beyond the object
 _PER_SPACING2 = 0.956  # points per squared spacing of a random sheet (kernel.noise.spacing)
 _SPARSE = 1.5  # the ring decides where it is this many times sparser than the object
 _AROUND = 1.5  # the support is fitted within this many times the object's box
@@ -112,7 +113,7 @@ def _enclosed(plane: Plane, own: FloatArray, below: FloatArray, taken: FloatArra
     face = _good_pieces(inside, roof, seen)
     rim = ring & _grown(face)
     comes_down = (rim & _grown(down)).sum() >= _DOWN_SHARE * rim.sum()
-    if not face.any() or not rim.any() or not comes_down or not _stands_amid(_centres(grid, rim, plane), floor, edge):
+    if not face.any() or not rim.any() or not comes_down or not _stands_amid(_centres(grid, rim, plane), own, floor, edge):
         return np.zeros((0, 3))
     return _centres(grid, face, plane)
 
@@ -124,12 +125,20 @@ def _centres(grid: Grid, cells: BoolArray, plane: Plane) -> FloatArray:
     return centres
 
 
-def _stands_amid(rim: FloatArray, floor: FloatArray, edge_m: float) -> bool:
-    """Whether the support was seen beside at least half of the rim: a plane has no end, a table has."""
+def _stands_amid(rim: FloatArray, own: FloatArray, floor: FloatArray, edge_m: float) -> bool:
+    """Whether the support was seen beside at least half of the rim, and goes on beyond the object: a plane has no end, a table has.
+
+    A leg of an angle of which the inner face was not seen ends with the other leg at both ends and on one side: it is no floor.
+    """
     if len(floor) < _LEAST_SUPPORT:
         return False
+    near = _BESIDE * spacing(floor) + _REACH * edge_m
     away = k_nearest(floor, 1, rim)[0][:, 0]
-    return bool((away <= _BESIDE * spacing(floor) + _REACH * edge_m).mean() >= _BESIDE_SHARE)
+    middle = rim.mean(axis=0)
+    ways = np.linalg.svd(rim - middle, full_matrices=False)[2][:2]
+    ways = np.concatenate([ways, -ways])
+    beyond = (floor - middle) @ ways.T > ((own - middle) @ ways.T).max(axis=0) + near
+    return bool((away <= near).mean() >= _BESIDE_SHARE) and int((beyond.sum(axis=0) >= _BEYOND).sum()) >= _WAYS
 
 
 def _grown(cells: BoolArray) -> BoolArray:

@@ -97,10 +97,14 @@ def test_a_wall_without_an_end_is_refused() -> None:
     assert failed(replace(angle(), seen={"A_OUTER": 0.0, "B_OUTER": 1.0})) == ["member.open_walls"]
 
 
-def test_an_i_that_shows_what_a_z_shows_is_open() -> None:
-    toes = ("BOTTOM_TOE_RIGHT", "TOP_TOE_LEFT", "BOTTOM_TOE_LEFT", "TOP_TOE_RIGHT")
-    z = dict.fromkeys(toes[:2], 1.0) | dict.fromkeys(toes[2:], 0.0) | {"BOTTOM_OUTER": 0.54, "TOP_OUTER": 0.54}
+def test_an_i_of_which_nothing_of_half_a_flange_was_seen_is_open() -> None:
+    halves = [(f"{flange}_TOE_{side}", f"{flange}_INNER_{side}") for flange in ("BOTTOM", "TOP") for side in ("RIGHT", "LEFT")]
+    whole = dict.fromkeys([name for half in halves for name in half], 1.0) | {"BOTTOM_OUTER": 1.0, "TOP_OUTER": 1.0}
+    z = whole | dict.fromkeys((*halves[1], *halves[2]), 0.0) | {"BOTTOM_OUTER": 0.54, "TOP_OUTER": 0.54}
+    j = whole | dict.fromkeys(halves[2], 0.0) | {"TOP_OUTER": 0.54}
+    assert open_walls(replace(angle(), family="I", seen=whole)) == 0
     assert open_walls(replace(angle(), family="I", seen=z)) == 1
-    assert open_walls(replace(angle(), family="I", seen={**z, "TOP_OUTER": 0.75})) == 0  # it goes on beyond the web
-    assert open_walls(replace(angle(), family="I", seen={**z, "TOP_TOE_RIGHT": 1.0})) == 0
-    assert open_walls(replace(angle(), family="I", seen=z, reached=("BOTTOM_TOE_LEFT",))) == 0
+    assert open_walls(replace(angle(), family="I", seen=j)) == 1
+    assert open_walls(replace(angle(), family="I", seen={**j, "TOP_OUTER": 0.75})) == 0  # it goes on beyond the web
+    assert open_walls(replace(angle(), family="I", seen={**j, "TOP_INNER_RIGHT": 1.0})) == 0
+    assert open_walls(replace(angle(), family="I", seen=j, reached=("TOP_TOE_RIGHT",))) == 0

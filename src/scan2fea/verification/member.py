@@ -53,14 +53,18 @@ def open_walls(member: Member) -> int:
     """
     told = {name for name, share in member.seen.items() if share >= SEEN} | {*member.told_toes, *member.reached}
     open_ones = sum(all(name in member.seen and name not in told for name in group) for group in TOES.get(member.family, ()))
-    return open_ones or int(member.family == "I" and _may_be_z(member, told))
+    return open_ones or int(member.family == "I" and _lacks_half(member, told))
 
 
-def _may_be_z(member: Member, told: set[str]) -> bool:
-    """Whether an I shows one half of each flange, on opposite sides of the web, and neither flange's outer face on both: a Z has the same faces."""
-    one, other = ("BOTTOM_TOE_RIGHT", "TOP_TOE_LEFT"), ("BOTTOM_TOE_LEFT", "TOP_TOE_RIGHT")
-    is_z = any(member.seen.keys() >= {*a, *b} and {*a} <= told and told.isdisjoint(b) for a, b in ((one, other), (other, one)))
-    return is_z and max(member.seen.get(name, 1.0) for name in ("BOTTOM_OUTER", "TOP_OUTER")) < _BOTH_HALVES
+def _lacks_half(member: Member, told: set[str]) -> bool:
+    """Whether nothing was seen of one half of a flange of an I, not even of its outer face beyond the web: a Z, or a J, has the same faces."""
+    for flange in ("BOTTOM", "TOP"):
+        is_short = member.seen.get(f"{flange}_OUTER", 1.0) < _BOTH_HALVES
+        for side in ("RIGHT", "LEFT"):
+            names = {f"{flange}_TOE_{side}", f"{flange}_INNER_{side}"}
+            if is_short and names <= member.seen.keys() and told.isdisjoint(names):
+                return True
+    return False
 
 
 def walls_in_noise(member: Member) -> int:

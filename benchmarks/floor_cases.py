@@ -1,0 +1,106 @@
+"""Parts and members that stand on a floor, as most are found, in the form of the judge; nobody sees what they stand on.
+
+    python benchmarks/floor_cases.py CASES [--seed 1] [--stations 8] [--noise 0.15] [--kinds box,tank,I]
+    python judge.py CASES OUT
+
+Stations stand round the part at two heights. Shapes are those of `make_cases.py`. An honest failure is right wherever a side stays out of sight.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import make_cases
+import numpy as np
+
+from scan2fea.io import write_mesh_ply
+from scan2fea.kernel.measures import area, volume
+from scan2fea.kernel.transforms import rigid, rotation_about
+from scan2fea.simulation import parts
+from scan2fea.simulation.lab import Lab, SceneObject
+from scan2fea.simulation.scanner import LabOptions, simulate
+from scan2fea.simulation.shapes import posed
+from scan2fea.simulation.solids import Shape
+from scan2fea.types import FloatArray, TriangleMesh
+
+KINDS = "box,bracket,tank,vessel,girder,tee,cylinder,blob,RHS,I,L,rect"
+FLOOR_M, FLOOR_SPACING_M = 6.0, 0.02
+
+
+def main() -> None:
+    given = argparse.ArgumentParser(description=__doc__)
+    given.add_argument("cases", type=Path)
+    given.add_argument("--seed", type=int, default=1)
+    given.add_argument("--stations", type=int, default=8)
+    given.add_argument("--noise", type=float, default=0.15, help="of the spacing of the part's points")
+    given.add_argument("--kinds", default=KINDS)
+    chosen = given.parse_args()
+    for number, kind in enumerate(chosen.kinds.split(",")):
+        print(written(chosen.cases / f"f{chosen.seed}_{number:02d}", kind, chosen, np.random.default_rng([chosen.seed, number])), flush=True)
+
+
+def written(folder: Path, kind: str, chosen: argparse.Namespace, rng: np.random.Generator) -> str:
+    """One case: station files, the true meshes and truth.json; returns its title."""
+    size = float(math.exp(rng.uniform(math.log(0.2), math.log(0.6))))
+    is_member = kind in make_cases.MEMBERS
+    shape, mesh, wall = make_cases._member(kind, 0.4 * size, rng) if is_member else make_cases._part(kind, size, rng)
+    T = _standing(mesh, rng, lying=is_member)
+    world = posed(mesh, T)
+    spacing = max((wall or 0.04 * size) / 2.5, math.sqrt(area(world) / 120_000))
+    half = FLOOR_M / 2
+    floor, F = parts.box(FLOOR_M, FLOOR_M, 0.1), rigid(np.eye(3), np.array([-half, -half, -0.1]))
+    things = (_thing("floor", posed(floor.mesh, F), FLOOR_SPACING_M), _thing(kind, world, spacing))
+    stations = _stations(chosen.stations, max(1.2, 2 * float(np.linalg.norm(np.ptp(world.vertices, axis=0)))), rng.uniform(0, 2 * math.pi))
+    sigma = float(f"{chosen.noise * spacing:.3g}")
+    lab = simulate(Lab(objects=things, stations=stations), LabOptions(noise_m=sigma, overview_deg=0.0, seed=chosen.seed))
+    (folder / "truth").mkdir(parents=True, exist_ok=True)
+    files = [f"station{k:02d}.pcd" for k in range(len(lab.scans))]
+    for name, scan, place in zip(files, lab.scans, stations, strict=True):
+        (folder / name).write_bytes(make_cases._pcd(scan.cloud.points, tuple(place)))
+    for thing in things:
+        write_mesh_ply(folder / "truth" / f"{thing.name}.ply", thing.mesh)
+    title = f"{kind} on the floor, {len(files)} stations, {sigma * 1e3:.3g} mm, seen {lab.seen[1]:.2f}"
+    truth: dict[str, Any] = {
+        "id": folder.name, "title": title, "tags": ["room"], "quick": False, "seed": chosen.seed, "files": files,
+        "objects": [_row("floor", floor, things[0].mesh, F, 1.0, False), _row(kind, shape, world, T, float(lab.seen[1]), True)],
+        "unit": "m", "noise": "gauss", "sigma_m": sigma, "noise_sd_m": sigma, "expect": "may_fail", "coverage": "partial",
+        "n_points": sum(len(s.cloud) for s in lab.scans), "spacing_m": spacing,
+    }  # fmt: skip
+    (folder / "truth.json").write_text(json.dumps(truth, indent=1))
+    return f"{folder.name}: {title}"
+
+
+def _standing(mesh: TriangleMesh, rng: np.random.Generator, *, lying: bool) -> FloatArray:
+    """(4, 4) that puts a part on the floor at the origin, turned about the vertical; a member lies along it."""
+    R = rotation_about((0, 0, 1), rng.uniform(0, 2 * math.pi))
+    R = R @ rotation_about((0, 1, 0), math.pi / 2) if lying else R
+    turned = mesh.vertices @ R.T
+    middle = (turned.min(axis=0) + turned.max(axis=0)) / 2
+    return rigid(R, -np.array([middle[0], middle[1], turned[:, 2].min()]))
+
+
+def _stations(n: int, reach_m: float, first: float) -> FloatArray:
+    angle = first + np.arange(n) * 2 * math.pi / n
+    return np.stack([reach_m * np.cos(angle), reach_m * np.sin(angle), np.where(np.arange(n) % 2, 0.5, 1.2) * reach_m], axis=1)
+
+
+def _thing(name: str, mesh: TriangleMesh, spacing_m: float) -> SceneObject:
+    return SceneObject(name=name, kind=name, mesh=mesh, dimensions={}, volume_m3=1.0, spacing_m=spacing_m, stands_on="")
+
+
+def _row(name: str, shape: Shape, mesh: TriangleMesh, T: FloatArray, seen: float, target: bool) -> dict[str, Any]:
+    R, origin = T[:3, :3], T[:3, 3]
+    return {
+        "name": name, "family": shape.family, "target": target, "params_m": dict(shape.parameters), "volume_m3": volume(mesh), "bow_m": 0.0,
+        "mesh": f"truth/{name}.ply", "seen_fraction": seen, "unobservable": [], "n_cad_faces": shape.n_cad_faces, "rotation": R.tolist(),
+        "origin": origin.tolist(), "section": [loop.tolist() for loop in shape.section] or None, "crb_m": {},
+        "probes": [[p.name, (R @ p.middle + origin).tolist(), (R @ p.direction).tolist(), p.size_m] for p in shape.probes],
+    }  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()

@@ -5,7 +5,7 @@ from scan2fea.kernel.folds import interior_angles
 from scan2fea.kernel.measures import face_normals, volume
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.topology import surface_topology
-from scan2fea.remeshing.folds import folded_faces, meshable, unfolded
+from scan2fea.remeshing.folds import flattest_deg, folded_faces, meshable, unfolded
 from scan2fea.remeshing.needles import without_needles
 from scan2fea.simulation.shapes import box
 from scan2fea.types import TriangleMesh
@@ -77,3 +77,14 @@ def test_needle_is_collapsed_and_planes_stay():
     assert surface_topology(clean).is_clean
     assert len(clean.vertices) == n
     assert volume(clean) == pytest.approx(1.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("height", [0.05, 0.5])
+def test_the_flattest_angle_of_a_wedge_is_that_of_its_edge(height):
+    """A tetrahedron over an equilateral face: its folds have atan(height / inradius), unless the angles of its faces are smaller."""
+    corners = np.array([[1.0, 0, 0], [-0.5, 3**0.5 / 2, 0], [-0.5, -(3**0.5) / 2, 0], [0, 0, height]])
+    mesh = TriangleMesh(vertices=corners, faces=np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]))
+    fold = np.degrees(np.arctan2(height, 0.5))
+    needle = np.degrees(np.arctan2(np.hypot(0.5, height), 3**0.5 / 2))
+    assert flattest_deg(mesh) == pytest.approx(min(fold, needle))
+    assert flattest_deg(TriangleMesh(vertices=corners, faces=mesh.faces[:, ::-1])) == pytest.approx(min(fold, needle))

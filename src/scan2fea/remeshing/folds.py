@@ -29,6 +29,13 @@ def folded_faces(mesh: TriangleMesh) -> IntArray:
     return np.unique(np.concatenate([folds, needles]))
 
 
+def flattest_deg(mesh: TriangleMesh) -> float:
+    """The least angle of a fold, from inside or from outside, or of a face: no tet of the surface is much better."""
+    _, angle = interior_angles(mesh)
+    needle = triangle_quality(mesh.vertices, mesh.faces)["min_angle_deg"]
+    return float(min(np.minimum(angle, 360 - angle).min(), needle.min()))
+
+
 def meshable(mesh: TriangleMesh) -> TriangleMesh:
     """The surface without needles and folds, as far as they go: each may lay bare one of the other."""
     for _ in range(PASSES):

@@ -17,13 +17,13 @@ from scan2fea.options import option
 from scan2fea.remeshing.creases import Flattened, flattened
 from scan2fea.remeshing.exact import drawn, edge_of_drawn
 from scan2fea.remeshing.find import find_planes
-from scan2fea.remeshing.folds import meshable
+from scan2fea.remeshing.folds import flattest_deg, meshable
 from scan2fea.remeshing.isotropic import RETRIES, Guide, closed, crease_guide, free_form, isotropic, opened, sharp_edges
 from scan2fea.remeshing.planes import Neighbours, scale_of
 from scan2fea.remeshing.relax import near_places, relaxed
 from scan2fea.remeshing.relaxing import KINDS, relaxed_by
 from scan2fea.remeshing.sizing import CHORD, edge_goal
-from scan2fea.remeshing.thin import without_thin
+from scan2fea.remeshing.thin import THIN_DEG, without_thin
 from scan2fea.types import TriangleMesh, Value
 
 EDGE_SPACINGS = 2.0
@@ -36,6 +36,7 @@ VOLUME_DRIFT, FINER = 0.01, 0.6
 LOST_SIGMAS, LOST_SPACINGS, LOST = 3.0, 0.5, 0.005  # half of the stray points that the final geometry may have
 FACES, MORE_FACES = 10_000, 17_000  # a third more come out; CAD systems bear 24,000 facets
 POOR_DEG = 15.0
+MENDINGS = 2  # of folds and thin triangles in turn
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,9 +145,19 @@ def _fit(found: Flattened, aim: _Aim, options: RemeshOptions) -> tuple[TriangleM
     even, relaxed_how = relaxed_by(options.relax, even, options.relaxations, aim.drift_m)
     if options.relax.endswith("free"):
         return meshable(even), taken_back, relaxed_how
-    if options.rounds:
-        even = without_thin(even, max(aim.drift_m, CHORD * median_edge(even)))
-    return meshable(on_planes(even, found.planes)), taken_back, relaxed_how
+    flat = on_planes(even, found.planes)
+    return _mended(flat, max(aim.drift_m, CHORD * median_edge(flat))) if options.rounds else meshable(flat), taken_back, relaxed_how
+
+
+def _mended(mesh: TriangleMesh, give_m: float) -> TriangleMesh:
+    """Without folds and without thin triangles, as far as they go: mending the one may make some of the other. The least flat of all stays."""
+    tried = [meshable(mesh)]
+    for _ in range(MENDINGS):
+        if flattest_deg(tried[-1]) >= THIN_DEG:
+            break
+        tried.append(without_thin(tried[-1], give_m))
+        tried.append(meshable(tried[-1]))
+    return max(tried, key=flattest_deg)
 
 
 def _even(flat: TriangleMesh, planes: tuple[Plane, ...], aim: _Aim, options: RemeshOptions) -> tuple[TriangleMesh, int]:

@@ -1,4 +1,4 @@
-"""Thin triangles taken out one by one, the thinnest first: an edge is turned, or drawn together to one of its ends or to its middle.
+"""Thin triangles taken out one by one, the thinnest first: an edge is turned, or drawn together to an end or, in free form, to its middle.
 
 A thin triangle of the surface is a side of a tet that is about as flat, whatever is done inside: only here can it be mended. The best change is taken
 that leaves every angle round it larger than the thin one was, and moves the surface by no more than it may.
@@ -94,7 +94,7 @@ def _changes(mesh: TriangleMesh, face: int) -> Iterator[_Change]:
             continue  # besides the two ends others than the two tips of the edge's faces
         on_a, on_b = _planes_at(mesh, at_a), _planes_at(mesh, at_b)
         middle = (mesh.vertices[a] + mesh.vertices[b]) / 2
-        ends = [(a, b, mesh.vertices[b], on_a <= on_b), (b, a, mesh.vertices[a], on_b <= on_a), (a, b, middle, on_a == on_b and len(on_a) < 3)]
+        ends = [(a, b, mesh.vertices[b], on_a <= on_b), (b, a, mesh.vertices[a], on_b <= on_a), (a, b, middle, not (on_a | on_b))]
         for gone, stays, place, may in ends:
             if may:
                 old = np.flatnonzero(at_a | at_b)

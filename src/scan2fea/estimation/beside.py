@@ -23,7 +23,8 @@ _SIGMAS = 4.0  # off the hull, and about a place: the points of one line along t
 _DENSITY = 0.25  # of the member's faces, where below it a face counts as not seen (`face_weights`)
 _BY_CHANCE = 1e-3  # of all strays together
 _LEAST = 60  # points
-_SLICES, _IN_EACH = 6, 0.25  # along the member: each holds that part of its share
+_SLICES, _IN_EACH = 6, 0.25  # along the member: most hold that part of their share, the first and the last among them
+_MOST = 4  # of them: filters take thin strips out here and there
 
 
 def beside(points: FloatArray, member: Member) -> str:
@@ -59,6 +60,7 @@ def _is_crowd(n: int, n_strays: int, share: float) -> bool:
 
 
 def _runs_along(z: FloatArray, length: float) -> bool:
-    """Whether points at heights z (n,) are found in every stretch of the member."""
+    """Whether points at heights z (n,) are found at both ends of the member and in most stretches between."""
     counts = np.bincount(np.minimum((z / length * _SLICES).astype(int), _SLICES - 1), minlength=_SLICES)
-    return bool(counts.min() >= _IN_EACH * len(z) / _SLICES)
+    held = counts >= _IN_EACH * len(z) / _SLICES
+    return bool(held[0] and held[-1] and held.sum() >= _MOST)

@@ -262,6 +262,22 @@ def test_hits_alone():
         assert abs(dimensions(fit)[name].value_m - true) < 2e-3
 
 
+@pytest.mark.parametrize("is_told", [True, False])
+def test_hits_alone_leave_the_length_the_error_it_had(is_told):
+    """Without misses no ray ends a member: its length was withheld, and with it every member half seen from stations."""
+    solid, scan = small(n=4000)
+    start = start_of(solid)
+    told = [dataclasses.replace(p, std_m=0.002, observable=True) if p.name == "length" and is_told else p for p in start.parameters]
+    told = [dataclasses.replace(p, std_m=None, observable=False) if p.name == "length" and not is_told else p for p in told]
+    found = fit_rays(scan.compact(), dataclasses.replace(start, parameters=tuple(told))).member
+    length = found.parameters[-1]
+    assert length.name == "length" and length.observable == is_told
+    if is_told:
+        before = told[-1].value_m
+        assert length.std_m == pytest.approx(math.hypot(0.002, length.value_m - before))
+        assert found.covariance[-1, -1] == pytest.approx(length.std_m**2)
+
+
 def test_bad_input():
     solid, scan = small()
     start = start_of(solid)

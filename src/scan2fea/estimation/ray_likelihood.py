@@ -109,7 +109,7 @@ def fit_rays(scan: Scan, start: Member, options: RayOptions = RayOptions(), fixe
     final = _member(layout, scored, member, data, part, held)
     few = part.take(sampled_rows(len(part), min(options.n_fit, N_FIRST), options.seed))
     if data.hits_only:
-        final = without_spread_law(final, few, layout, scored, held, len(part))
+        final = without_spread_law(final, start, few, layout, scored, held, len(part))
     trusted = checked(final, few, layout, scored, held, len(part), free_edge)
     if free_edge:
         trusted = doubted(trusted, EDGE_DOUBT * part.edge_unit_m * abs(float(scored.theta[layout.place["edge"]])))

@@ -99,27 +99,37 @@ def doubted(member: Member, doubt_m: float) -> Member:
     return dataclasses.replace(member, parameters=parameters, covariance=np.where(np.outer(free, free), covariance, 0.0))
 
 
-def without_spread_law(member: Member, data: RayData, layout: RayLayout, scored: Scored, held: Mapping[str, float], n_used: int) -> Member:
+def without_spread_law(
+    member: Member, start: Member, data: RayData, layout: RayLayout, scored: Scored, held: Mapping[str, float], n_used: int
+) -> Member:
     """The member fitted to hits alone with the standard deviations of a fit that does not take them to spread evenly over the silhouette.
 
-    The difference between the two fits is added: what stands on that guess gets an error as large as the guess matters.
+    The difference between the two fits is added: what stands on that guess gets an error as large as the guess matters. Without misses no ray
+    tells where the member ends; the points do, so the length has the error it had in `start`, which was fitted to their density along the axis.
     """
     other = fitted(dataclasses.replace(data, hits_only=False), layout, scored.theta, held, still=("start", "end", "logit_dropped"), max_iterations=8)
     names = [one.name for one in member.parameters]
     picked = np.array([[float(n == name and name in layout.dimensions) for n in layout.names] for name in names])
     away = picked @ (other.theta - scored.theta)
-    covariance = _covariance(other, picked) * len(data) / n_used + np.diag(away**2)
+    covariance = _covariance(other, picked) * len(data) / n_used + np.diag(away**2 + _of_length(member, start))
     sd = np.sqrt(np.diag(covariance))
     parameters = tuple(
         one
-        if one.std_m is None
-        else dataclasses.replace(one, std_m=float(sd[i]))
+        if one.std_m is None and (one.name != "length" or one.source == "fixed")
+        else dataclasses.replace(one, std_m=float(sd[i]), observable=True)
         if 0 < sd[i] < TOLD * one.value_m
         else dataclasses.replace(one, std_m=None, observable=False)
         for i, one in enumerate(member.parameters)
     )
     free = np.array([one.std_m is not None for one in parameters])
     return dataclasses.replace(member, parameters=parameters, covariance=np.where(np.outer(free, free), covariance, 0.0))
+
+
+def _of_length(member: Member, start: Member) -> FloatArray:
+    """(k,) variance of the length in its place, as `start` has it and by how far the two are apart; zero elsewhere, and where it was not told."""
+    before = next(one for one in start.parameters if one.name == "length")
+    std = 0.0 if before.std_m is None else before.std_m
+    return np.array([std**2 + (one.value_m - before.value_m) ** 2 if one.name == "length" and std > 0 else 0.0 for one in member.parameters])
 
 
 def _covariance(scored: Scored, picked: FloatArray) -> FloatArray:

@@ -104,7 +104,8 @@ def fill(mesh: TriangleMesh, brep: Brep | None, options: FillOptions = FillOptio
     except MeshingError as error:
         raise MeshingError(f"{error}{faults_in_words(mesh)}") from None
     how = {**vars(chosen), "done": best.done, "min_dihedral_deg": best.worst_deg, "wall_m": size.wall_m, "attempts": tried, "steps": best.steps}
-    how |= {"over_budget": True} if len(best.tets) > options.max_elements else {}  # the walls ask for more than was allowed
+    if len(best.tets) > options.max_elements:  # the walls ask for more than was allowed
+        how |= {"over_budget": True, "max_elements": options.max_elements}
     tets = tet_mesh(best.nodes, best.tets, best.boundary, best.face_tag, names.names, options.order)
     if best.rim is not None and best.middles is not None and options.order == 2:
         tets, straight = curved(tets, best.rim, best.middles)

@@ -9,6 +9,7 @@ import pytest
 
 from estimation.made import SIZES, made
 from scan2fea.estimation.ends import run_end
+from scan2fea.estimation.from_outside import seen_from_outside
 from scan2fea.estimation.member import MemberOptions, fit_member
 from scan2fea.estimation.reach import reach
 from scan2fea.kernel.section_likelihood import faces
@@ -175,3 +176,73 @@ def test_the_whole_fit_tells_the_face_and_builds_the_member(family) -> None:
     for p in member.parameters:
         wanted = true.values()[p.name]
         assert p.std_m is not None and abs(p.value_m - wanted) < 4 * p.std_m, p
+
+
+CORNER = ("BOTTOM_OUTER", "LEFT_OUTER")
+
+
+def corner(step=0.0, sigma=2e-4, n=8_000, seed=3):
+    """A tube of which one corner was scanned, and its points; with `step` they lie in rows along the member, in a scan moved by a third of it."""
+    true = made("RHS", values=SIZE["RHS"], R=ASKEW, sigma=sigma)
+    points = member_points("RHS", true.values(), n, MemberScanOptions(noise_m=0.0, faces=CORNER, seed=seed))
+    if step:
+        points[:, :2] = (np.round(points[:, :2] / step + 0.3) - 0.3) * step
+        own = np.abs(points[:, 0] + SIZE["RHS"]["b"] / 2) < np.abs(points[:, 1] + SIZE["RHS"]["h"] / 2)
+        points[own, 0], points[~own, 1] = -SIZE["RHS"]["b"] / 2, -SIZE["RHS"]["h"] / 2
+        half = np.array([SIZE["RHS"]["b"], SIZE["RHS"]["h"]]) / 2
+        points = points[(np.abs(points[:, :2]) <= half + 1e-9).all(axis=1)]
+    points = points + sigma * np.random.default_rng(seed).standard_normal(points.shape)
+    return replace(true, seen={name: float(name in CORNER) for name in faces("RHS")}), points @ ASKEW.T, true
+
+
+def test_of_a_whole_scan_a_corner_tells_both_sizes_and_of_any_other_none() -> None:
+    member, points, true = corner()
+    assert reach(points, member) is None
+    found = reach(points, member, whole=True)
+    assert found is not None and set(found.faces) == {"RIGHT_OUTER", "TOP_OUTER"} and found.told == {"h", "b"}
+    std = np.sqrt(np.diag(found.covariance))
+    for name, value, sd in zip(("h", "b"), found.values, std, strict=False):
+        assert abs(value - true.values()[name]) < 2 * sd < 2e-3, name
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_rows_along_the_member_leave_the_sizes_open_by_their_distance(seed) -> None:
+    step = 0.009
+    member, points, true = corner(step, seed=seed)
+    found = reach(points, member, whole=True)
+    assert found is not None
+    std = np.sqrt(np.diag(found.covariance))
+    for name, value, sd in zip(("h", "b"), found.values, std, strict=False):
+        assert sd == pytest.approx(step / np.sqrt(3), rel=0.15) and abs(value - true.values()[name]) < 2 * sd, name
+
+
+def test_what_is_held_stays_where_a_whole_scan_tells_the_rest() -> None:
+    member, points, _ = corner()
+    held = replace(member, parameters=tuple(replace(p, source="fixed") if p.name == "b" else p for p in member.parameters))
+    found = reach(points, held, whole=True)
+    assert found is not None and found.values[1] == SIZE["RHS"]["b"] and found.covariance[1, 1] == 0 < found.covariance[0, 0]
+
+
+def test_the_wall_alone_is_given_and_a_whole_scan_of_a_corner_tells_the_rest() -> None:
+    _, points, true = corner()
+    scan, options = Scan(cloud=PointCloud.of(points)), MemberOptions(family="RHS", whole=True)
+    found = fit_member(scan, options, {"t": SIZE["RHS"]["t"]})
+    assert found.explains and len(found.member.reached) == 2, found.reason
+    sizes = {p.name: p for p in found.member.parameters}
+    one, other = sorted((sizes["h"], sizes["b"]), key=lambda p: p.value_m)
+    assert sizes["t"].source == "fixed" and all(c.passed for c in member_checks(found.member, found.explains, given=True))
+    assert abs(one.value_m - SIZE["RHS"]["b"]) < 3 * one.std_m and abs(other.value_m - SIZE["RHS"]["h"]) < 3 * other.std_m
+    blind = fit_member(scan, replace(options, whole=False), {"t": SIZE["RHS"]["t"]})
+    assert not any(p.observable for p in blind.member.parameters if p.name in ("h", "b"))
+
+
+def test_a_corner_seen_from_within_is_one_seen_from_outside() -> None:
+    _, points, _ = corner()
+    fit = fit_member(Scan(cloud=PointCloud.of(points)), MemberOptions(family="RHS"), {"t": SIZE["RHS"]["t"]}).section
+    t = fit.value("t")
+    within = replace(fit, values=fit.values + np.array([2 * t, 2 * t, 0.0]), seen={n: float(n in ("LEFT_INNER", "BOTTOM_INNER")) for n in fit.seen})
+    turned = seen_from_outside(within)
+    np.testing.assert_allclose(turned.values, fit.values)
+    assert seen_from_outside(fit) is fit or set(fit.seen) == set(turned.seen)
+    both = replace(within, seen={n: float(n in ("LEFT_INNER", "RIGHT_INNER")) for n in fit.seen})
+    assert seen_from_outside(both) is both

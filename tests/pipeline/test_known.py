@@ -1,6 +1,7 @@
 """[[object]] tables: read, written, assigned to objects, held, tested and reported."""
 
 import json
+from dataclasses import replace
 
 import jsonschema
 import numpy as np
@@ -16,6 +17,8 @@ from scan2fea.io import write_scan_ply
 from scan2fea.pipeline.assigned import assigned, own_section, resolved
 from scan2fea.pipeline.config import as_tree, from_tree, load_config, to_toml
 from scan2fea.pipeline.known import KnownObject
+from scan2fea.pipeline.member_rows import member_row
+from scan2fea.pipeline.results import claimed
 from scan2fea.pipeline.route import KnownSection, RouteOptions, estimate
 from scan2fea.pipeline.run import run
 from scan2fea.report.schema import report_schema
@@ -33,6 +36,7 @@ fixed = { length = 0.9 }
 at = [1.0, 0.0, 0.5]
 family = "I"
 nominal = { tw = 0.006 }
+whole = true
 """
 
 
@@ -54,7 +58,7 @@ def test_tables_are_read_written_and_travel(tmp_path):
     config = config_of(tmp_path, TABLES)
     first, second = config.object
     assert first == KnownObject(id=2, member="L160x100x12", fixed={"length": 0.9})
-    assert second.at == (1.0, 0.0, 0.5) and second.nominal == {"tw": 0.006}
+    assert second.at == (1.0, 0.0, 0.5) and second.nominal == {"tw": 0.006} and second.whole
     assert config_of(tmp_path, to_toml(config)) == config
     assert from_tree(json.loads(json.dumps(as_tree(config)))) == config
 
@@ -73,6 +77,7 @@ def test_tables_are_read_written_and_travel(tmp_path):
         ("[[object]]\nid = 1\nfixed = { q = 1.0 }\n", "'q' is no dimension"),
         ("[[object]]\nid = 1\nfixed = { t = -1.0 }\n", "positive number of metres"),
         ("[[object]]\nid = 1\nfixed = 3\n", r"write fixed = \{"),
+        ("[[object]]\nid = 1\nwhole = 1\n", "it is true or false"),
         ("[[object]]\nid = 1\nmember = 'L'\nstep = 'a.step'\n", "not both"),
     ],
 )
@@ -164,3 +169,30 @@ def test_a_denied_table_stops_the_member(tmp_path):
     jsonschema.validate(report, report_schema())
     failed = [check for check in row["checks"] if not check["passed"]]
     assert "member.contradicted" in {check["name"] for check in failed}
+
+
+TUBE = {"h": 0.1, "b": 0.06, "t": 0.005, "length": 0.8}
+
+
+def tube_corner():
+    """One corner of a tube, askew."""
+    seen = ("BOTTOM_OUTER", "LEFT_OUTER")
+    return member_points("RHS", TUBE, 4_000, MemberScanOptions(noise_m=3e-4, seed=2, faces=seen)) @ rotation(3).T
+
+
+def test_how_far_a_face_was_scanned_denies_nothing():
+    """A tube wider than what was seen of it: nothing of its sizes is told, so none is denied."""
+    found = told(tube_corner(), family="RHS", fixed={"h": 0.11, "b": 0.07, "t": 0.005})
+    assert found.explains and found.n_contradicted == 0 and found.p_fixed is None, found.reason
+    assert found.untold == ("h", "b", "t") and all(g.measured_m is None for g in found.given)
+
+
+def test_what_was_given_is_told_as_given_and_not_measured():
+    found = told(tube_corner(), family="RHS", fixed={"t": 0.005}, whole=True)
+    assert found.whole and found.untold == ("t",) and len(found.member.reached) == 2
+    row = member_row(found.member, found.p_fixed, found.given)
+    assert {name: p["observable"] for name, p in row["parameters"].items()} == {"h": True, "b": True, "t": False, "length": True}
+    assert row["parameters"]["t"]["source"] == "fixed" and row["parameters"]["t"]["value_m"] == 0.005
+    says = claimed(found.member, found)
+    assert "t = 5 mm as given, not measured" in says and "TOP_OUTER" in says and "whole" in says
+    assert claimed(found.member, replace(found, whole=False, given=())) == ""

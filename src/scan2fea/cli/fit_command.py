@@ -36,7 +36,7 @@ def _print(fitted: FittedFile, name: str) -> None:
         print(f"  {'held' if g.held else 'compared':<13} {_given(g)}")
     print(f"\n  {'dimension':<12}{'value, mm':>12}{'std, mm':>10}  observable  from")
     for parameter in member.parameters:
-        print(_line(parameter))
+        print(_line(parameter, is_told=parameter.observable and parameter.name not in found.untold))
     print()
     for key, text in _facts(member):
         print(f"  {key:<13} {text}")
@@ -51,13 +51,13 @@ def _given(g: Given) -> str:
     return f"{value}; the points say {measured}, p {g.p_value:.2g}: {denied}"
 
 
-def _line(p: Parameter) -> str:
+def _line(p: Parameter, *, is_told: bool) -> str:
     std = "-" if p.std_m is None else f"{p.std_m * MILLIMETRES_PER_METRE:.3g}"
     digits = 3 if p.std_m is None else max(0, min(6, 2 - int(f"{max(p.std_m * MILLIMETRES_PER_METRE, 1e-9):e}".split("e")[1])))
     sources = {"fitted": "the points", "fixed": "given", "catalogue": "the catalogue (assumed)", "estimate": "an estimate (assumed)"}
     off = "" if p.spread_m is None or p.observable else f", may be off by {p.spread_m * MILLIMETRES_PER_METRE:.2g} mm"
     source = sources.get(p.source, p.source).replace("(assumed)", f"(assumed{off})")
-    return f"  {p.name:<12}{p.value_m * MILLIMETRES_PER_METRE:>12.{digits}f}{std:>10}  {'yes' if p.observable else 'NO':<10}  {source}"
+    return f"  {p.name:<12}{p.value_m * MILLIMETRES_PER_METRE:>12.{digits}f}{std:>10}  {'yes' if is_told else 'NO':<10}  {source}"
 
 
 def _facts(member: Member) -> list[tuple[str, str]]:

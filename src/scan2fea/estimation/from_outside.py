@@ -9,11 +9,29 @@ import numpy as np
 from scan2fea.estimation.candidates import usual_wall
 from scan2fea.estimation.canonical import turned_weight
 from scan2fea.estimation.fit import SectionFit
+from scan2fea.kernel.pinned import SEEN
 from scan2fea.kernel.section_likelihood import faces
 
 TUBE_OF = {"rect": "RHS", "round": "CHS"}
 _OF_BAR = {"RHS": {"h": "b", "b": "t"}, "CHS": {"d": "d"}}  # dimension of the tube -> of the bar
+_OPPOSITE = (("BOTTOM_INNER", "TOP_INNER"), ("LEFT_INNER", "RIGHT_INNER"))
 _UNTOLD = "the points do not depend on it"
+
+
+def seen_from_outside(fit: SectionFit) -> SectionFit:
+    """The fit of a tube of which two adjacent inner faces were seen, as one of which these are the outer faces; any other fit as it is.
+
+    A corner looks the same from both sides, and who looks into a tube sees opposite faces.
+    """
+    seen = {name for name, share in fit.seen.items() if share >= SEEN}
+    if fit.family != "RHS" or any(name.endswith("OUTER") for name in seen) or any(seen.issuperset(pair) for pair in _OPPOSITE):
+        return fit
+    t = fit.value("t")
+    names = faces("RHS")
+    swapped = [names.index(name.replace("INNER", "OUTER") if name.endswith("INNER") else name.replace("OUTER", "INNER")) for name in names]
+    weight = fit.face_weight[swapped]
+    values = np.array([value if name == "t" else value - 2 * t for name, value in zip(fit.names, fit.values.tolist(), strict=True)])
+    return replace(fit, values=values, face_weight=weight, seen=dict(zip(names, np.minimum(weight, 1.0).tolist(), strict=True)))
 
 
 def tube_of(bar: SectionFit) -> SectionFit:

@@ -24,7 +24,7 @@ from scan2fea.estimation.continued import continued
 from scan2fea.estimation.ends import Ends, rough_ends
 from scan2fea.estimation.explain import MIN_SLENDER, Explanation, explanation
 from scan2fea.estimation.fit import MIN_POINTS, SectionFit
-from scan2fea.estimation.from_outside import TUBE_OF, tube_of
+from scan2fea.estimation.from_outside import TUBE_OF, seen_from_outside, tube_of
 from scan2fea.estimation.given import Given, Told, compared, joint_p_value, told_by
 from scan2fea.estimation.mirrored import told_toes
 from scan2fea.estimation.prismatic import is_prismatic
@@ -35,7 +35,7 @@ from scan2fea.estimation.swept import Sweep, sweep_of
 from scan2fea.estimation.systematic import even_spacing, face_error, thinned_spacing, widened
 from scan2fea.estimation.with_rays import compared_by_rays, needs_rays, refined, sensor_inside
 from scan2fea.kernel.noise import sampled_rows
-from scan2fea.kernel.pinned import SEEN
+from scan2fea.kernel.pinned import SEEN, pinned
 from scan2fea.kernel.section_likelihood import face_lengths, faces
 from scan2fea.kernel.sections import PARAMETERS
 from scan2fea.types import FloatArray, Member, Scan, Value
@@ -194,6 +194,7 @@ def _swept(
     section_fixed = {name: value for name, value in fixed.items() if name != "length"}
     axis, fit = likeliest(points, axes, options, families, section_fixed)
     told_free = freed(points, axis, options, fit) if section_fixed else fit
+    fit = seen_from_outside(fit) if options.whole else fit
     sweep, sag, sag_std = significant(sweep_of(axis, fit), fit)
     coordinates = sweep.coordinates(points)
     if open_ends:
@@ -207,7 +208,7 @@ def _swept(
     one = _between_ends(points, sweep, fit, options, fixed)
     if one.wall_m is not None:  # the rim tells how many points the end faces hold
         one = _between_ends(points, sweep, fit, options, fixed, one.wall_m)
-    hidden = reach(points, one.member) if one.told.explains and not fixed else None
+    hidden = reach(points, one.member, whole=options.whole) if one.told.explains and (options.whole or not fixed) else None
     if hidden is not None:
         sweep, fit = with_reach(one.member, fit, hidden)
         one = _between_ends(points, sweep, fit, options, fixed, one.wall_m, hidden.faces)
@@ -329,7 +330,8 @@ def _told(free: SectionFit | None, ends: Ends) -> Told:
     if free is None:
         return Told(names=("length",), values=np.array([ends.length_m]), covariance=covariance, observable=(True,))
     covariance[:p, :p] = free.covariance[:p, :p]
-    seen = tuple(free.observable.get(name, True) and not blind_plate(free, name) for name in free.names)
+    fixed = pinned(free.family, [name for name, share in free.seen.items() if share >= SEEN])  # how far a face reaches denies nothing
+    seen = tuple(free.observable.get(name, True) and name in fixed and not blind_plate(free, name) for name in free.names)
     return Told(names=(*free.names, "length"), values=np.array([*free.values, ends.length_m]), covariance=covariance, observable=(*seen, True))
 
 

@@ -3,7 +3,8 @@
 That one face ends somewhere is no evidence: the scan may end there. That both neighbours of a hidden face end in one line along the member, and just
 as far as each other, is: a cut or a shadow at any other angle to the section would end them at different places. So the angle at which a cut would
 look the same must be small (`_CHANCE` of all angles), which neighbours far apart or sharp ends give, and a plane across one of the file's own axes
-tells nothing, for a box may have been cut out there. What stays open: something flat and square to the section that hides the end of a
+tells nothing, for a box may have been cut out there. Where the user says that nothing hid the object and nothing was cut off it (`whole`), any seen face ends where
+the section does; beams that are part on and part off its edge, and rows of points that run along it, leave the edge open by their distance. What stays open: something flat and square to the section that hides the end of a
 wall on both sides, such as a slab that a web stands in.
 
 The place of such an end is that of a run of points (`ends.run_end`): rho of them per metre leave 1 / rho bare beyond the last one in the mean, noise
@@ -38,6 +39,10 @@ _CORNER = 0.1  # of a face, at its other end
 _LEAST = 50  # points of a run
 _SLICES, _SLICE_POINTS = 6, 60  # along the member
 _UNEVEN = 1e-3  # probability of slices that end so unlike each other
+_LAST_ROW = 3**-0.5  # of the step between rows: root mean square of what the last is short of the edge, were it anything up to one
+_WAVES = 1_000  # wave numbers that are asked at most
+_BY_CHANCE = 1e-3  # of all of them together
+_LEAST_ROWS = 2.0  # of a face
 _ROWS = 8.0  # a gap among n points is wider than (log n + 8) / rho by chance in 3e-4
 
 
@@ -56,8 +61,11 @@ class Reach(Value):
     told: frozenset[str]
 
 
-def reach(points: FloatArray, member: Member) -> Reach | None:
-    """The section with the hidden faces that their neighbours tell; None where none is missing or none is told. points : (n, 3), metres."""
+def reach(points: FloatArray, member: Member, *, whole: bool = False) -> Reach | None:
+    """The section with the hidden faces that their neighbours tell; None where none is missing or none is told. points : (n, 3), metres.
+
+    whole : nothing hid the object and nothing was cut off it: one neighbour is enough.
+    """
     if member.family in ROUND or member.twist.any():
         return None
     seen = {name for name, share in member.seen.items() if share >= SEEN}
@@ -65,15 +73,16 @@ def reach(points: FloatArray, member: Member) -> Reach | None:
     margin = max(_BAND_SIGMAS * member.sigma_m, 1e-3 * member.values()["length"])
     local = local[(local[:, 2] > margin) & (local[:, 2] < member.values()["length"] - margin)]
     ends: dict[str, RunEnd] = {}
-    for before, face, after in _hidden(member, seen):
-        end = _told(local, member, before, face, after)
+    for before, face, after in _hidden(member, seen, whole):
+        beside = [one for one in (before, after) if one.name in seen]
+        end = _ended(local, member, beside, face) if whole else _told(local, member, before, face, after)
         if end is not None:
             ends[face.name] = end
     return _solved(member, seen, ends, len(local)) if ends else None
 
 
-def _hidden(member: Member, seen: set[str]) -> Iterator[tuple[Face, Face, Face]]:
-    """Every face of the outline that was not seen though both its neighbours were, which it overtops at both corners, between them.
+def _hidden(member: Member, seen: set[str], whole: bool) -> Iterator[tuple[Face, Face, Face]]:
+    """Every face of the outline that was not seen though both its neighbours were (of a whole scan one), which it overtops at both corners, between them.
 
     A face across the same axis was seen: else nothing but ends holds the member's line in that direction, and its tilt and bow blur them.
     """
@@ -82,7 +91,8 @@ def _hidden(member: Member, seen: set[str]) -> Iterator[tuple[Face, Face, Face]]
     for i, face in enumerate(loop):
         before, after = loop[i - 1], loop[(i + 1) % len(loop)]
         convex = before.outward == -after.outward and (after.place - before.place) * after.outward > 0
-        if convex and face.axis in held and face.name not in seen and {before.name, after.name} <= seen:
+        n_seen = (before.name in seen) + (after.name in seen)
+        if convex and face.axis in held and face.name not in seen and n_seen >= (1 if whole else 2):
             yield before, face, after
 
 
@@ -102,6 +112,20 @@ def _told(local: FloatArray, member: Member, before: Face, face: Face, after: Fa
     both, start = np.r_[one.out, two.out], max(one.start, two.start)
     end = run_end(both[both > start], sigma, start)
     return replace(end, std_m=max(end.std_m, 1 / ends[0].rho, 1 / ends[1].rho))  # an exponential law's tail is longer than Gauss's
+
+
+def _ended(local: FloatArray, member: Member, beside: list[Face], face: Face) -> RunEnd | None:
+    """The same where the scan is whole, from the neighbours that were seen: where they end, to the distance of the rows of points along the edge."""
+    runs = [run for run in (_run(local, member, neighbour, face) for neighbour in beside) if run is not None]
+    ends = []
+    for run in runs:
+        step = _step(run, member.sigma_m)
+        end = _end(run, math.hypot(member.sigma_m, 0.5 * step), step)  # rows must not look like ends
+        if end is not None:
+            ends.append(replace(end, std_m=max(end.std_m, 1 / end.rho, _LAST_ROW * step)))
+    if not ends or max(abs(end.edge_m - ends[0].edge_m) / math.hypot(end.std_m, ends[0].std_m) for end in ends) > _AGREE:
+        return None
+    return min(ends, key=lambda end: end.std_m)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -133,20 +157,44 @@ def _run(local: FloatArray, member: Member, neighbour: Face, face: Face) -> _Run
     return _Run(out=out[own], z=local[own, 2], start=start)
 
 
-def _end(run: _Run, sigma_m: float) -> RunEnd | None:
-    """Where a run ends outward: the same all along the member, densely up to there and empty beyond; None where it does not."""
+def _step(run: _Run, sigma_m: float) -> float:
+    """Distance (m) between rows of points along the member, or the greatest that noise hides.
+
+    Rows at a distance p, moved by s, have the power n exp(-(2 pi s / p)^2) at the wave number 1 / p (of n points, under a Hann window, which keeps the
+    ends of the run and slow changes out of it); points at random 1 in the mean, exponential.
+    """
+    out = run.out[run.out <= 0]
+    width = -run.start
+    taper = np.sin(math.pi * np.clip(-out / width, 0.0, 1.0)) ** 2
+    n = float(taper.sum() ** 2 / max(float((taper**2).sum()), 1e-300))
+    needed = math.log(_WAVES) - math.log(_BY_CHANCE)
+    hidden = 2 * math.pi * sigma_m / math.sqrt(max(math.log(max(n, 1.0) / needed), 1e-300)) if n > needed else math.inf
+    finest = max(hidden, width * 4 / _WAVES)
+    if finest >= width / _LEAST_ROWS:
+        return finest
+    waves = np.arange(_LEAST_ROWS / width, 1 / finest, 0.25 / width)
+    power = np.array([abs(taper @ np.exp(2j * math.pi * k * out)) ** 2 for k in waves]) / max(float((taper**2).sum()), 1e-300)
+    seen = np.flatnonzero(power > needed)
+    return max(finest, 1 / float(waves[seen[np.argmax(power[seen])]])) if len(seen) else finest
+
+
+def _end(run: _Run, sigma_m: float, step_m: float = 0.0) -> RunEnd | None:
+    """Where a run ends outward: the same all along the member, densely up to there and empty beyond; None where it does not.
+
+    step_m : between rows of points along the member: gaps and slices may be off by as much.
+    """
     if len(run.out) < _LEAST:
         return None
     whole = run_end(run.out, sigma_m, run.start)
     inside = np.sort(run.out[run.out <= whole.edge_m])
     if whole.beyond > _MOST_BEYOND or len(inside) < _LEAST / 2:
         return None
-    if float(np.diff(inside).max()) > (math.log(len(inside)) + _ROWS) / whole.rho:
+    if float(np.diff(inside).max()) > max((math.log(len(inside)) + _ROWS) / whole.rho, 2 * step_m):
         return None
-    return whole if _is_even(run, whole, sigma_m) else None
+    return whole if _is_even(run, whole, sigma_m, step_m) else None
 
 
-def _is_even(run: _Run, whole: RunEnd, sigma_m: float) -> bool:
+def _is_even(run: _Run, whole: RunEnd, sigma_m: float, step_m: float) -> bool:
     """Whether stretches of the member end alike: a shadow seldom runs along it."""
     n_slices = min(_SLICES, len(run.out) // _SLICE_POINTS)
     if n_slices < 2:
@@ -156,7 +204,7 @@ def _is_even(run: _Run, whole: RunEnd, sigma_m: float) -> bool:
     parts = [run_end(run.out[at == k], sigma_m, run.start) for k in range(n_slices) if (at == k).sum() >= _SLICE_POINTS / 3]
     if len(parts) < 0.75 * n_slices:
         return False
-    off = sum(abs(part.edge_m - whole.edge_m) / part.std_m for part in parts)
+    off = sum(abs(part.edge_m - whole.edge_m) / math.hypot(part.std_m, _LAST_ROW * step_m) for part in parts)
     return float(gammaincc(len(parts), off)) > _UNEVEN  # what the last point leaves bare is exponential
 
 
@@ -181,7 +229,8 @@ def _solved(member: Member, seen: set[str], ends: dict[str, RunEnd], n_points: i
         else:
             continue
         rows.append([*face.factors, float(face.axis == 0), float(face.axis == 1)])
-    weighted, aim = np.array(rows) / np.array(stds)[:, None], np.array(aims) / np.array(stds)
+    free = np.array([p.source != "fixed" for p in member.parameters if p.name in names] + [True, True])  # what is held stays
+    weighted, aim = (np.array(rows) / np.array(stds)[:, None]) * free, np.array(aims) / np.array(stds)
     step = np.linalg.lstsq(weighted, aim, rcond=None)[0]
     left = len(aim) - int(np.linalg.matrix_rank(weighted))
     if left > 0 and chdtrc(left, float(((aim - weighted @ step) ** 2).sum())) < _UNEVEN:

@@ -48,7 +48,7 @@ def _resolved(known: KnownObject, number: int, table: Table | None, seed: int) -
     for name in [*fixed, *nominal]:
         of = PARAMETERS.get(family)
         require(of is None or name in (*of, "length"), UsageError, f"{where}: a member of family {family} has no dimension {name!r}")
-    return KnownObject(id=known.id, at=known.at, family=family, fixed=fixed, nominal=nominal)
+    return KnownObject(id=known.id, at=known.at, family=family, fixed=fixed, nominal=nominal, whole=known.whole)
 
 
 def _of_nominal(path: Path, seed: int) -> tuple[str, dict[str, float]]:
@@ -106,5 +106,5 @@ def own_section(objects: Sequence[KnownObject], object_id: int) -> KnownSection 
     """What resolved tables say of an object; None where they say nothing of it."""
     for known in objects:
         if known.id == object_id:
-            return KnownSection(family=known.family, fixed=known.fixed, nominal=known.nominal)
+            return KnownSection(family=known.family, fixed=known.fixed, nominal=known.nominal, whole=known.whole)
     return None

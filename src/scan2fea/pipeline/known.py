@@ -29,6 +29,7 @@ class KnownObject:
     nominal: Mapping[str, float] = field(
         default_factory=dict, metadata={"doc": "dimensions that are measured, then compared with these", "unit": "m"}
     )
+    whole: bool = option(False, "nothing hid it from the scan and nothing was cut off it: its section ends where the scan of a face ends")
 
 
 # ------------------------------------------------------------------ reading and writing
@@ -54,6 +55,7 @@ def known_object(row: Any, number: int) -> KnownObject:
         require(isinstance(values.get(key, ""), str), UsageError, f"{where}: {key} = {values.get(key)!r}; expected text")
     for key in ("fixed", "nominal"):
         values[key] = _dimensions(values.get(key, {}), key, where)
+    require(isinstance(values.get("whole", False), bool), UsageError, f"{where}: whole = {values.get('whole')!r}; it is true or false")
     known = KnownObject(**values)
     require((known.id is None) != (known.at is None), UsageError, f"{where}: give either id or at, to say which object is meant")
     says = f"{where}: family = {known.family!r}; use one of {', '.join(PARAMETERS)}"
@@ -99,6 +101,8 @@ def table_lines(objects: Sequence[KnownObject], comments: bool) -> list[str]:
 
 
 def _toml(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{name} = {size!r}" for name, size in value.items()) + " }"
     if isinstance(value, tuple):

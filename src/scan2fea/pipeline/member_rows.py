@@ -12,9 +12,16 @@ from scan2fea.types import Member
 
 
 def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Given] = ()) -> dict[str, Any]:
-    """The row; every number is SI."""
+    """The row; every number is SI. What was given and the points do not tell is not observable, though nothing stands in for it."""
+    untold = {g.name for g in given if g.held and g.measured_m is None}
     parameters = {
-        p.name: {"value_m": p.value_m, "std_m": p.std_m, "observable": p.observable, "source": p.source, "spread_m": p.spread_m}
+        p.name: {
+            "value_m": p.value_m,
+            "std_m": p.std_m,
+            "observable": p.observable and p.name not in untold,
+            "source": p.source,
+            "spread_m": p.spread_m,
+        }
         for p in member.parameters
     }
     return {

@@ -91,7 +91,8 @@ def write_object(made: Made, folder: Path, config: Config) -> list[str]:
         )
         write_msh(folder / "volume.msh", made.tets)
     if made.member is not None:
-        row = finite_tree(member_row(made.member, made.estimate.p_fixed if made.estimate is not None else None))
+        told = made.estimate
+        row = finite_tree(member_row(made.member, told.p_fixed, told.given) if told is not None else member_row(made.member))
         write_text(folder / "member.json", json.dumps(row, indent=1, allow_nan=False) + "\n")
     if made.brep is not None:
         write_text(folder / "model.step", made.brep.step)

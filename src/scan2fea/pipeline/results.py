@@ -27,6 +27,7 @@ from scan2fea.pipeline.config import Config, known_keys
 from scan2fea.pipeline.frames import registration_row
 from scan2fea.pipeline.member_rows import member_row
 from scan2fea.pipeline.part import Made
+from scan2fea.pipeline.route import Estimate
 from scan2fea.pipeline.scene import Scene
 from scan2fea.segmentation import Selection
 from scan2fea.types import Brep, Check, FEModel, FEResult, FloatArray, Member, Parameter, Segments, TetMesh, TriangleMesh
@@ -199,7 +200,7 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
     row["files"] = list(files)
     row["verdict"], row["reason"] = found.name, found.reason
     if found.name == "converted" and made.member is not None:
-        row["reason"] += assumed(made.member)
+        row["reason"] += assumed(made.member) + (claimed(made.member, made.estimate) if made.estimate is not None else "")
     doubt = made.part.doubt.between_m
     if found.name == "converted" and doubt > made.sigma_m:
         row["reason"] += f"; points of different scans may lie {doubt:.2g} m off each other (one standard deviation of their poses)"
@@ -226,6 +227,16 @@ def assumed(member: Member) -> str:
     prior = f"; not observable, built with {said}{_doubt(member)}" if walls else ""
     unseen = sum(share < SEEN for share in member.seen.values())
     return prior + (f"; {unseen} of {len(member.seen)} faces of the section were not seen, they follow from the others" if unseen else "")
+
+
+def claimed(member: Member, found: Estimate) -> str:
+    """What the solid of a member rests on because the user said so, for the verdict's line."""
+    sizes = ", ".join(f"{name} = {member.values()[name] * 1e3:.4g} mm" for name in found.untold)
+    said = f"; {sizes} as given, not measured: the points do not tell {'them' if len(found.untold) > 1 else 'it'}" if sizes else ""
+    if found.whole and member.reached:
+        faces = ", ".join(member.reached)
+        said += f"; {faces} not seen, but told by where the scan of the next face ends, as nothing is said to have hidden it or to be cut off (whole)"
+    return said
 
 
 def _stand_in(member: Member, wall: Parameter) -> str:

@@ -43,7 +43,7 @@ class Estimate(Value):
     """What estimation says of one object. member is None where none could be fitted.
 
     p_fixed : probability of data as far from the given dimensions as these if those were true; None where none was given or none is told.
-    given : each given dimension beside what the points say of it.
+    given : each given dimension beside what the points say of it.   whole : the user said that nothing hid the object and nothing was cut off it.
     """
 
     member: Member | None
@@ -51,6 +51,12 @@ class Estimate(Value):
     reason: str
     p_fixed: float | None = None
     given: tuple[Given, ...] = ()
+    whole: bool = False
+
+    @property
+    def untold(self) -> tuple[str, ...]:
+        """Dimensions that the member was built with as given, of which the points tell nothing."""
+        return tuple(g.name for g in self.given if g.held and g.measured_m is None)
 
     @property
     def n_contradicted(self) -> int:
@@ -60,11 +66,15 @@ class Estimate(Value):
 
 @dataclass(frozen=True, kw_only=True)
 class KnownSection(Value):
-    """What is known of the member of one object: its family (or ""), dimensions (m) that are held, and dimensions that are only compared."""
+    """What is known of the member of one object: its family (or ""), dimensions (m) that are held, and dimensions that are only compared.
+
+    whole : nothing hid it from the scan and nothing was cut off it.
+    """
 
     family: str = ""
     fixed: Mapping[str, float] = field(default_factory=dict)
     nominal: Mapping[str, float] = field(default_factory=dict)
+    whole: bool = False
 
 
 def estimate(
@@ -81,7 +91,8 @@ def estimate(
     inferred = scan.cloud.is_inferred
     measured = scan.cloud.points if inferred is None else scan.cloud.points[~inferred]
     try:
-        fit = fit_member(scan, replace(options, family=section.family or options.family), section.fixed, section.nominal)
+        options = replace(options, family=section.family or options.family, whole=options.whole or section.whole)
+        fit = fit_member(scan, options, section.fixed, section.nominal)
     except InputError as error:
         return Estimate(member=None, explains=False, reason=str(error))
     except EstimationError as error:
@@ -106,7 +117,7 @@ def estimate(
         return Estimate(member=None, explains=False, reason=str(error))
     if fit.explains:
         member = replace(member, damage=damages(scan.cloud.points, member, member.sigma_m, options.seed))
-    return Estimate(member=member, explains=fit.explains, reason=_reason(fit, options), p_fixed=fit.p_fixed, given=fit.given)
+    return Estimate(member=member, explains=fit.explains, reason=_reason(fit, options), p_fixed=fit.p_fixed, given=fit.given, whole=options.whole)
 
 
 def alternatives(fit: SectionFit) -> Mapping[str, Mapping[str, float]]:

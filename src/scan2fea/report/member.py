@@ -77,6 +77,7 @@ def _dimensions(member: Row) -> Html:
         shown = with_deviation(float(row["value_m"]) * MILLIMETRES_PER_METRE, None if std is None else std * MILLIMETRES_PER_METRE)
         source = SOURCES.get(str(row.get("source")), "measured")
         source = SOURCES["catalogue"] if not is_seen and source == SOURCES["fitted"] else source
+        source = f"not observable: as {source}" if not is_seen and source == SOURCES["fixed"] else source
         rows.append([name, figure_cell(f"{shown} mm", "value"), _error_bar(std, widest), source])
     classes = ["" if row.get("observable", True) else "prior" for row in parameters.values()]
     note = tag("p", f"Error bars: one standard deviation, the longest {number(widest * MILLIMETRES_PER_METRE, 2)} mm.") if widest > 0 else NOTHING

@@ -208,10 +208,11 @@ def unobserved(item: Mapping[str, Any]) -> tuple[str, ...]:
 def stand_in(items: Iterable[Mapping[str, Any]]) -> str:
     """What the dimensions that the data could not tell were taken from."""
     rows = [row for item in items for row in ((item.get("member") or {}).get("parameters") or {}).values() if not row.get("observable", True)]
-    sources = {str(row.get("source")) for row in rows}
-    if "estimate" not in sources:
-        return "a catalogue"
-    return "an estimate that the points cannot vouch for" if sources == {"estimate"} else "a catalogue or an estimate"
+    named = {"catalogue": "a catalogue", "estimate": "an estimate", "fixed": "what was given"}
+    sources = {source if (source := str(row.get("source"))) in named else "catalogue" for row in rows}
+    if sources == {"estimate"}:
+        return "an estimate that the points cannot vouch for"
+    return " or ".join(text for source, text in named.items() if source in sources) or "a catalogue"
 
 
 def worst_check(checks: Iterable[Mapping[str, Any]]) -> Mapping[str, Any] | None:

@@ -224,7 +224,7 @@ def test_what_is_held_stays_where_a_whole_scan_tells_the_rest() -> None:
 
 
 def test_the_wall_alone_is_given_and_a_whole_scan_of_a_corner_tells_the_rest() -> None:
-    _, points, true = corner()
+    _, points, _ = corner()
     scan, options = Scan(cloud=PointCloud.of(points)), MemberOptions(family="RHS", whole=True)
     found = fit_member(scan, options, {"t": SIZE["RHS"]["t"]})
     assert found.explains and len(found.member.reached) == 2, found.reason

@@ -3,9 +3,11 @@
 That one face ends somewhere is no evidence: the scan may end there. That both neighbours of a hidden face end in one line along the member, and just
 as far as each other, is: a cut or a shadow at any other angle to the section would end them at different places. So the angle at which a cut would
 look the same must be small (`_CHANCE` of all angles), which neighbours far apart or sharp ends give, and a plane across one of the file's own axes
-tells nothing, for a box may have been cut out there. Where the user says that nothing hid the object and nothing was cut off it (`whole`), any seen face ends where
-the section does; beams that are part on and part off its edge, and rows of points that run along it, leave the edge open by their distance. What stays open: something flat and square to the section that hides the end of a
+tells nothing, for a box may have been cut out there. What stays open: something flat and square to the section that hides the end of a
 wall on both sides, such as a slab that a web stands in.
+
+Where the user says that nothing hid the object and nothing was cut off it (`whole`), any seen face ends where the section does. Rows of points that
+run along the member leave such an edge open by their distance.
 
 The place of such an end is that of a run of points (`ends.run_end`): rho of them per metre leave 1 / rho bare beyond the last one in the mean, noise
 sigma blurs it to (sigma / 0.9 rho)^(1/2); both come out of one posterior, and no likelihood of the whole section is asked, which knows a
@@ -82,7 +84,7 @@ def reach(points: FloatArray, member: Member, *, whole: bool = False) -> Reach |
 
 
 def _hidden(member: Member, seen: set[str], whole: bool) -> Iterator[tuple[Face, Face, Face]]:
-    """Every face of the outline that was not seen though both its neighbours were (of a whole scan one), which it overtops at both corners, between them.
+    """Every face of the outline that was not seen though both its neighbours were (of a whole scan one), which it overtops at both corners.
 
     A face across the same axis was seen: else nothing but ends holds the member's line in that direction, and its tilt and bow blur them.
     """
@@ -115,7 +117,7 @@ def _told(local: FloatArray, member: Member, before: Face, face: Face, after: Fa
 
 
 def _ended(local: FloatArray, member: Member, beside: list[Face], face: Face) -> RunEnd | None:
-    """The same where the scan is whole, from the neighbours that were seen: where they end, to the distance of the rows of points along the edge."""
+    """The same where the scan is whole, from the neighbours that were seen: to the distance of the rows of points along the edge."""
     runs = [run for run in (_run(local, member, neighbour, face) for neighbour in beside) if run is not None]
     ends = []
     for run in runs:
@@ -160,8 +162,8 @@ def _run(local: FloatArray, member: Member, neighbour: Face, face: Face) -> _Run
 def _step(run: _Run, sigma_m: float) -> float:
     """Distance (m) between rows of points along the member, or the greatest that noise hides.
 
-    Rows at a distance p, moved by s, have the power n exp(-(2 pi s / p)^2) at the wave number 1 / p (of n points, under a Hann window, which keeps the
-    ends of the run and slow changes out of it); points at random 1 in the mean, exponential.
+    Rows at a distance p, moved by s, have the power n exp(-(2 pi s / p)^2) at the wave number 1 / p (of n points, under a Hann window, which keeps
+    the ends of the run and slow changes out of it); points at random 1 in the mean, exponential.
     """
     out = run.out[run.out <= 0]
     width = -run.start

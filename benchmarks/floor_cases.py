@@ -1,9 +1,11 @@
 """Parts and members that stand on a floor, as most are found, in the form of the judge; nobody sees what they stand on.
 
-    python benchmarks/floor_cases.py CASES [--seed 1] [--stations 8] [--noise 0.15] [--kinds box,tank,I]
+    python benchmarks/floor_cases.py CASES [--seed 1] [--stations 8] [--noise 0.15] [--kinds box,tank,I] [--side 0..3] [--lift 0.03]
     python judge.py CASES OUT
 
 Stations stand round the part at two heights. Shapes are those of `make_cases.py`. An honest failure is right wherever a side stays out of sight.
+Members lie: --side says which of the four sides of the section is down: +x (0, toes of an angle or a channel), -y, -x or +y. With --lift what lies
+there is held that far above the floor by two packers under it.
 """
 
 from __future__ import annotations
@@ -38,6 +40,8 @@ def main() -> None:
     given.add_argument("--stations", type=int, default=8)
     given.add_argument("--noise", type=float, default=0.15, help="of the spacing of the part's points")
     given.add_argument("--kinds", default=KINDS)
+    given.add_argument("--side", type=int, default=0, choices=range(4), help="of a member's section that is down")
+    given.add_argument("--lift", type=float, default=0.0, help="above the floor, on packers (m)")
     chosen = given.parse_args()
     for number, kind in enumerate(chosen.kinds.split(",")):
         print(written(chosen.cases / f"f{chosen.seed}_{number:02d}", kind, chosen, np.random.default_rng([chosen.seed, number])), flush=True)
@@ -48,12 +52,12 @@ def written(folder: Path, kind: str, chosen: argparse.Namespace, rng: np.random.
     size = float(math.exp(rng.uniform(math.log(0.2), math.log(0.6))))
     is_member = kind in make_cases.MEMBERS
     shape, mesh, wall = make_cases._member(kind, 0.4 * size, rng) if is_member else make_cases._part(kind, size, rng)
-    T = _standing(mesh, rng, lying=is_member)
+    T = _standing(mesh, rng, chosen.side if is_member else None, chosen.lift)
     world = posed(mesh, T)
     spacing = max((wall or 0.04 * size) / 2.5, math.sqrt(area(world) / 120_000))
     half = FLOOR_M / 2
     floor, F = parts.box(FLOOR_M, FLOOR_M, 0.1), rigid(np.eye(3), np.array([-half, -half, -0.1]))
-    things = (_thing("floor", posed(floor.mesh, F), FLOOR_SPACING_M), _thing(kind, world, spacing))
+    things = (_thing("floor", posed(floor.mesh, F), FLOOR_SPACING_M), _thing(kind, world, spacing), *_packers(world, chosen.lift, spacing))
     stations = _stations(chosen.stations, max(1.2, 2 * float(np.linalg.norm(np.ptp(world.vertices, axis=0)))), rng.uniform(0, 2 * math.pi))
     sigma = float(f"{chosen.noise * spacing:.3g}")
     lab = simulate(Lab(objects=things, stations=stations), LabOptions(noise_m=sigma, overview_deg=0.0, seed=chosen.seed))
@@ -74,13 +78,30 @@ def written(folder: Path, kind: str, chosen: argparse.Namespace, rng: np.random.
     return f"{folder.name}: {title}"
 
 
-def _standing(mesh: TriangleMesh, rng: np.random.Generator, *, lying: bool) -> FloatArray:
-    """(4, 4) that puts a part on the floor at the origin, turned about the vertical; a member lies along it."""
+def _standing(mesh: TriangleMesh, rng: np.random.Generator, side: int | None, lift_m: float) -> FloatArray:
+    """(4, 4) that puts a part above the floor at the origin, turned about the vertical; side : of a member that lies, the one that is down."""
     R = rotation_about((0, 0, 1), rng.uniform(0, 2 * math.pi))
-    R = R @ rotation_about((0, 1, 0), math.pi / 2) if lying else R
+    R = R if side is None else R @ rotation_about((0, 1, 0), math.pi / 2) @ rotation_about((0, 0, 1), side * math.pi / 2)
     turned = mesh.vertices @ R.T
     middle = (turned.min(axis=0) + turned.max(axis=0)) / 2
-    return rigid(R, -np.array([middle[0], middle[1], turned[:, 2].min()]))
+    return rigid(R, np.array([-middle[0], -middle[1], lift_m - turned[:, 2].min()]))
+
+
+def _packers(world: TriangleMesh, lift_m: float, spacing_m: float) -> tuple[SceneObject, ...]:
+    """Two blocks under the part, half as wide as it is, a quarter of its length from its ends."""
+    if not lift_m > 0:
+        return ()
+    flat = world.vertices[:, :2]
+    along, across = np.linalg.svd(flat - flat.mean(axis=0), full_matrices=False)[2]
+    length, width = np.ptp(flat @ along), np.ptp(flat @ across)
+    block = parts.box(0.05 * length, 0.5 * width, lift_m).mesh
+    R = np.eye(3)
+    R[:2, 0], R[:2, 1] = along, [-along[1], along[0]]
+    out = []
+    for k, place in enumerate((-0.25, 0.25)):
+        middle = np.array([*(place * length * along), 0.0]) - R @ np.array([0.025 * length, 0.25 * width, 0.0])
+        out.append(_thing(f"packer {k + 1}", posed(block, rigid(R, middle)), spacing_m))
+    return tuple(out)
 
 
 def _stations(n: int, reach_m: float, first: float) -> FloatArray:

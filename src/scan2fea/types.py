@@ -213,6 +213,22 @@ class RangeLog(Value):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Footing(Value):
+    """A plane that an object may rest on: normal . x = offset_m, the normal (3,) towards the object.
+
+    sigma_m : of the plane's points across it.   std_m : of its place under the object.   band_m : half the thickness within which points, the
+    object's too, went to the plane.   points : (k, 3) of the plane beside the object.
+    """
+
+    normal: FloatArray
+    offset_m: float
+    sigma_m: float
+    std_m: float
+    band_m: float
+    points: FloatArray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Segments(Value):
     """One label per point of the segmented cloud.
 
@@ -385,7 +401,7 @@ class Member(Value):
     families : family -> posterior probability.   damage : significant places only.   change : of the section along the axis, None for a prism.
     inside : "solid", "hollow", or "unknown" where neither a face from within nor an end told a bar from a tube.
     told_toes : faces that end a wall, were not seen, and are known by a mirror image that was.
-    reached : faces that were not seen and are known by where both their neighbours stop.
+    reached : faces that were not seen and are known by where both their neighbours stop.   seated : by the support that they rest on.
     """
 
     family: str
@@ -406,6 +422,7 @@ class Member(Value):
     inside: str = "unknown"
     told_toes: tuple[str, ...] = ()
     reached: tuple[str, ...] = ()
+    seated: tuple[str, ...] = ()
 
     def values(self) -> dict[str, float]:
         """Every dimension by name, metres."""

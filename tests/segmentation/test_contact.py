@@ -7,7 +7,7 @@ from scan2fea.kernel.distances import distance_to_mesh, sample_surface
 from scan2fea.kernel.measures import area
 from scan2fea.kernel.section_likelihood import faces
 from scan2fea.kernel.transforms import random_rotation, rigid, rotation_about
-from scan2fea.segmentation import SegmentationOptions, contact_points, segment_scene
+from scan2fea.segmentation import SegmentationOptions, contact_points, footings, segment_scene
 from scan2fea.simulation import LabOptions, shapes, simulate_lab
 from scan2fea.simulation.member import MemberScanOptions, member_points
 from scan2fea.types import PointCloud, Scan, Segments
@@ -115,6 +115,42 @@ def test_what_hangs_close_above_the_floor_gets_none_although_nobody_sees_under_i
     up = shapes.posed(BOX, rigid(np.eye(3), (0, 0, gap * H)))
     own, found = added(*scene(up, under_box, keep=lambda p: p[:, 2] > gap * H + 4 * SIGMA))
     assert (len(found) - len(own) > n_expected) if n_expected else (found is own)
+
+
+def lying_angle(lift=0.0, R=None):
+    """An angle along x on the toe of its shorter leg, the floor seen beside it; it encloses nothing."""
+    angle = shapes.posed(shapes.l_beam(0.12, 0.09, 0.01, 0.6), rigid(rotation_about((0, 1, 0), np.pi / 2), (0.1, 0.1, 0.09 + lift)))
+    flat = angle.vertices[:, :2]
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    return scene(angle, lambda x, y: (x > low[0]) & (x < high[0]) & (y > low[1]) & (y < high[1]), T=R)
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_an_open_section_has_a_footing_though_it_encloses_nothing(seed):
+    T = rigid(random_rotation(seed), [3, 2, 1]) if seed else np.eye(4)
+    cloud, segments = lying_angle(R=T)
+    own = cloud.take(segments.labels == 1)
+    (found,) = footings(own, cloud, segments, 1)
+    np.testing.assert_allclose(found.normal, T[:3, 2], atol=1e-3)
+    assert abs(found.offset_m - found.normal @ T[:3, 3]) < SIGMA
+    assert found.sigma_m == pytest.approx(SIGMA, rel=0.3)
+    assert found.band_m == pytest.approx(4 * found.sigma_m)
+    assert 0 < found.std_m < SIGMA / 10
+    assert np.abs(found.points @ found.normal - found.offset_m).max() <= 3 * found.band_m
+
+
+def test_a_slab_that_ends_with_what_stands_on_it_is_no_footing():
+    """The leg of an angle is no floor of the other one: it goes on beyond it one way."""
+    cloud, segments = lying_angle()
+    points = cloud.points[(segments.labels == 1) | ((cloud.points[:, 1] > 0.2) & (np.abs(cloud.points[:, 0] - 0.4) < 0.3))]
+    labels = np.where(points[:, 2] > 4 * SIGMA, 1, 0)
+    cloud = PointCloud.of(points)
+    assert footings(cloud.take(labels == 1), cloud, Segments(labels=labels, kinds=("support", "object"), how={}), 1) == ()
+
+
+def test_what_hangs_well_above_has_no_footing():
+    cloud, segments = lying_angle(lift=0.1)
+    assert footings(cloud.take(segments.labels == 1), cloud, segments, 1) == ()
 
 
 def test_a_ball_gets_none_where_its_underside_was_not_seen_down_to_the_floor():

@@ -17,7 +17,7 @@ needle by its climb and not by its width. No such place is known better than to 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -74,13 +74,13 @@ def reach(points: FloatArray, member: Member, *, whole: bool = False) -> Reach |
     local = sweep_of_member(member).coordinates(points)
     margin = max(_BAND_SIGMAS * member.sigma_m, 1e-3 * member.values()["length"])
     local = local[(local[:, 2] > margin) & (local[:, 2] < member.values()["length"] - margin)]
-    ends: dict[str, RunEnd] = {}
+    ends: dict[str, tuple[float, float]] = {}
     for before, face, after in _hidden(member, seen, whole):
         beside = [one for one in (before, after) if one.name in seen]
         end = _ended(local, member, beside, face) if whole else _told(local, member, before, face, after)
         if end is not None:
-            ends[face.name] = end
-    return _solved(member, seen, ends, len(local)) if ends else None
+            ends[face.name] = end.edge_m, end.std_m
+    return solved(member, seen, ends, len(local)) if ends else None
 
 
 def _hidden(member: Member, seen: set[str], whole: bool) -> Iterator[tuple[Face, Face, Face]]:
@@ -210,9 +210,10 @@ def _is_even(run: _Run, whole: RunEnd, sigma_m: float, step_m: float) -> bool:
     return float(gammaincc(len(parts), off)) > _UNEVEN  # what the last point leaves bare is exponential
 
 
-def _solved(member: Member, seen: set[str], ends: dict[str, RunEnd], n_points: int) -> Reach | None:
-    """Dimensions and place of the section of which the seen faces stay where they are and the told ones lie where their neighbours stop.
+def solved(member: Member, seen: set[str], ends: Mapping[str, tuple[float, float]], n_points: int) -> Reach | None:
+    """Dimensions and place of the section of which the seen faces stay where they are and hidden ones lie where they are told to.
 
+    ends : hidden face -> how far outward of where the fit has it, and the standard deviation of that.   n_points : of the sides.
     Weighted least squares; a seen face is known as well as the mean of its points. None where the told faces contradict what is known.
     """
     names = PARAMETERS[member.family]
@@ -226,8 +227,8 @@ def _solved(member: Member, seen: set[str], ends: dict[str, RunEnd], n_points: i
             aims.append(0.0)
             stds.append(max(member.sigma_m / math.sqrt(n_own), 1e-7 * float(values.max())))
         elif face.name in ends:
-            aims.append(face.outward * ends[face.name].edge_m)
-            stds.append(ends[face.name].std_m)
+            aims.append(face.outward * ends[face.name][0])
+            stds.append(ends[face.name][1])
         else:
             continue
         rows.append([*face.factors, float(face.axis == 0), float(face.axis == 1)])

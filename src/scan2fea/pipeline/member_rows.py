@@ -40,6 +40,7 @@ def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Giv
         "inside": member.inside,
         "told_toes": list(member.told_toes),
         "reached": list(member.reached),
+        "seated": list(member.seated),
         "p_fixed": p_fixed,
         "given": [
             {

@@ -11,7 +11,7 @@ from scan2fea.cad import Snap
 from scan2fea.kernel.coverage import Deviation
 from scan2fea.pipeline.dimension_doubt import PoseDoubt
 from scan2fea.pipeline.route import ESTIMATION, Estimate
-from scan2fea.types import BoolArray, Brep, Check, FEModel, FEResult, FloatArray, Member, Route, Scan, TetMesh, TriangleMesh, Value
+from scan2fea.types import BoolArray, Brep, Check, FEModel, FEResult, FloatArray, Footing, Member, Route, Scan, TetMesh, TriangleMesh, Value
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -19,6 +19,7 @@ class Part(Value):
     """One object of the scene. `mesh` is given where the input had faces: then it enters at repair and `scan` holds its vertices.
 
     doubt : of the places that it was seen from (`pose_doubt.doubt_of`).   smeared : why a scanner's motion is in its points, "" where it is not.
+    footings : planes that it may rest on.
     """
 
     id: int
@@ -27,6 +28,7 @@ class Part(Value):
     mesh: TriangleMesh | None = None
     doubt: PoseDoubt = field(default_factory=PoseDoubt)
     smeared: str = ""
+    footings: tuple[Footing, ...] = ()
 
     @property
     def contact(self) -> BoolArray:

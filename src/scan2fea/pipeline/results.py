@@ -226,7 +226,8 @@ def assumed(member: Member) -> str:
     said = ", ".join(f"{p.name} = {p.value_m * 1e3:.4g} mm from {_stand_in(member, p)}" for p in walls)
     prior = f"; not observable, built with {said}{_doubt(member)}" if walls else ""
     unseen = sum(share < SEEN for share in member.seen.values())
-    return prior + (f"; {unseen} of {len(member.seen)} faces of the section were not seen, they follow from the others" if unseen else "")
+    rests = f"; {', '.join(member.seated)}: from the plane that it rests on" if member.seated else ""
+    return prior + rests + (f"; {unseen} of {len(member.seen)} faces of the section were not seen, they follow from the others" if unseen else "")
 
 
 def claimed(member: Member, found: Estimate) -> str:

@@ -4,7 +4,7 @@ it is tried first, and whatever it does not explain is reconstructed. Why is tol
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from scan2fea.estimation.fit import SectionFit
 from scan2fea.estimation.given import Given, contradictions
 from scan2fea.estimation.member import MemberFit, MemberOptions, fit_member
 from scan2fea.estimation.resting import rested
+from scan2fea.estimation.seated import seated
 from scan2fea.estimation.several import several_members
 from scan2fea.estimation.systematic import face_error
 from scan2fea.estimation.table import Table, read_table
@@ -23,7 +24,7 @@ from scan2fea.kernel.noise import spacing
 from scan2fea.kernel.sections import PARAMETERS
 from scan2fea.options import option
 from scan2fea.pipeline.dimension_doubt import PoseDoubt, widened
-from scan2fea.types import Member, Route, Scan, Value
+from scan2fea.types import Footing, Member, Route, Scan, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 ESTIMATION, RECONSTRUCTION = "estimation", "reconstruction"
@@ -78,11 +79,17 @@ class KnownSection(Value):
 
 
 def estimate(
-    scan: Scan, options: MemberOptions, route: RouteOptions, known: KnownSection | None = None, doubt: PoseDoubt = PoseDoubt()
+    scan: Scan,
+    options: MemberOptions,
+    route: RouteOptions,
+    known: KnownSection | None = None,
+    doubt: PoseDoubt = PoseDoubt(),
+    footings: Sequence[Footing] = (),
 ) -> Estimate:
     """The member of the points, with its catalogue and damage. A bad designation or table raises; an object that is no member does not.
 
     known : of this object alone, in place of `route.member`.   doubt : of the places that its points, by `frame`, were measured from.
+    footings : planes that the object may rest on.
     """
     table = table_of(route)
     section = known_section(route, table) if known is None else known
@@ -101,7 +108,7 @@ def estimate(
     two = several_members(measured, fit, options)
     if two is not None:
         fit = replace(fit, explains=False, reason=two.reason)
-    member = fit.member
+    member = seated(measured, fit.member, footings)
     if inferred is not None:
         member = rested(member, scan.cloud.points[inferred], spacing(scan.cloud.points[~inferred]))
     told = fit.explanation

@@ -1,8 +1,8 @@
 """One label per point, and which of them to model (see docs/design.md). A method is one file and one line in `scene.METHODS`."""
 
-from scan2fea.segmentation.contact import contact_points
+from scan2fea.segmentation.contact import contact_points, footings
 from scan2fea.segmentation.options import SegmentationOptions, SelectOptions
 from scan2fea.segmentation.scene import METHODS, Method, segment_scene
 from scan2fea.segmentation.select import Selection, select
 
-__all__ = ["METHODS", "Method", "SegmentationOptions", "SelectOptions", "Selection", "contact_points", "segment_scene", "select"]
+__all__ = ["METHODS", "Method", "SegmentationOptions", "SelectOptions", "Selection", "contact_points", "footings", "segment_scene", "select"]

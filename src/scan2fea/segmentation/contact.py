@@ -8,6 +8,8 @@ marked (`is_inferred`), carries no ray, and faces the support.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +20,7 @@ from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import spacing
 from scan2fea.segmentation.footprint import CELLS_PER_RADIUS, Grid, grid_on
 from scan2fea.segmentation.planes import Plane, large_planes
-from scan2fea.types import BoolArray, FloatArray, IntArray, PointCloud, Segments, Value
+from scan2fea.types import BoolArray, FloatArray, Footing, IntArray, PointCloud, Segments, Value
 
 _STRIP = 3.0  # spacings: the ring is made of points up to this high above the support's band
 _REACH = 2  # cells of one spacing: points of the ring up to four apart join; the largest gap that chance leaves in a whole ring is about two
@@ -34,6 +36,9 @@ _AROUND = 1.5  # the support is fitted within this many times the object's box
 _LEAST_SUPPORT = 150
 _LEAST_SHARE = 0.2
 _LOWEST = 0.002  # share of the object's points that may lie lower: noise
+_BANDS = 3.0  # of a plane: strays of its noise are its own up to there (`supports`)
+_LEAST_FOOT = 25  # points of the object just above the plane
+_UNKNOWNS = 3  # of a plane
 _BOX = np.ones((3, 3), bool)
 _DISC = np.hypot(*np.mgrid[-_REACH : _REACH + 1, -_REACH : _REACH + 1]) <= _REACH + 0.5
 
@@ -44,21 +49,47 @@ def contact_points(own: PointCloud, cloud: PointCloud, segments: Segments, label
     own : the points of `label` in `cloud`. The result is `own` itself if nothing is added.
     """
     h = spacing(own.points)
-    if not h > 0:
-        return own
-    middle, reach = _ball(own.points)
+    for plane, below, taken in _planes_at(own.points, cloud, segments, label, h) if h > 0 else ():
+        points = _enclosed(plane, own.points, below, taken, h)
+        if len(points):
+            return _resting(own, points, -plane.normal, plane.sigma_m)
+    return own
+
+
+def footings(own: PointCloud, cloud: PointCloud, segments: Segments, label: int) -> tuple[Footing, ...]:
+    """The planes that the object may rest on: its lowest points are at them, and they go on beyond it on three of four sides.
+
+    Whether a face of it rests there is not asked: an open section encloses nothing. Arguments as of `contact_points`.
+    """
+    h = spacing(own.points)
+    found = []
+    for plane, below, _ in _planes_at(own.points, cloud, segments, label, h) if h > 0 else ():
+        near = below[np.abs(plane.height(below)) <= _BANDS * plane.band_m]
+        floor = below[np.abs(plane.height(below)) <= plane.band_m + h]
+        height = plane.height(own.points)
+        low = height <= plane.band_m + _STRIP * h
+        foot = own.points[low] - height[low, None] * plane.normal
+        if len(foot) < _LEAST_FOOT or not _stands_amid(foot, own.points, floor, h):
+            continue
+        near = near[k_nearest(own.points[low], 1, near)[0][:, 0] <= _BESIDE * h + _BANDS * plane.band_m]
+        std = plane.sigma_m * math.sqrt(_UNKNOWNS / len(floor))
+        sized = {"sigma_m": plane.sigma_m, "std_m": std, "band_m": plane.band_m}
+        found.append(Footing(normal=plane.normal, offset_m=plane.offset, points=near, **sized))
+    return tuple(found)
+
+
+def _planes_at(own: FloatArray, cloud: PointCloud, segments: Segments, label: int, h: float) -> Iterator[tuple[Plane, FloatArray, FloatArray]]:
+    """Planes that the lowest of the object's points (n, 3) are at; the points of what each is part of, and those of them that may be the object's."""
+    middle, reach = _ball(own)
     beside = (segments.labels >= 0) & (segments.labels != label)
     beside[beside] = np.linalg.norm(cloud.points[beside] - middle, axis=1) <= reach
     order = sorted(np.unique(segments.labels[beside]).tolist(), key=lambda other: (segments.kinds[other] != "support", other))
     for other in order:  # supports first, then what else it may stand on: a table is an object too
         below = cloud.points[beside & (segments.labels == other)]
         taken = below if segments.kinds[other] == "support" else below[:0]
-        for plane in _planes_under(below, own.points):
-            if _rests_on(plane, own.points, taken, h):
-                points = _enclosed(plane, own.points, below, taken, h)
-                if len(points):
-                    return _resting(own, points, -plane.normal, plane.sigma_m)
-    return own
+        for plane in _planes_under(below, own):
+            if _rests_on(plane, own, taken, h):
+                yield plane, below, taken
 
 
 def _ball(points: FloatArray) -> tuple[FloatArray, float]:

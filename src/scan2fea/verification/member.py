@@ -49,9 +49,9 @@ def _is_open_bar(member: Member) -> bool:
 def open_walls(member: Member) -> int:
     """How many walls end where no face that ends them was seen: the scan may have ended there, not the wall.
 
-    Its mirror image may tell a toe, or where both its neighbours stop.
+    Its mirror image may tell a toe, or where both its neighbours stop, or the support that it rests on.
     """
-    told = {name for name, share in member.seen.items() if share >= SEEN} | {*member.told_toes, *member.reached}
+    told = {name for name, share in member.seen.items() if share >= SEEN} | {*member.told_toes, *member.reached, *member.seated}
     open_ones = sum(all(name in member.seen and name not in told for name in group) for group in TOES.get(member.family, ()))
     return open_ones or int(member.family == "I" and _lacks_half(member, told))
 

@@ -244,5 +244,7 @@ def test_a_corner_seen_from_within_is_one_seen_from_outside() -> None:
     turned = seen_from_outside(within)
     np.testing.assert_allclose(turned.values, fit.values)
     assert seen_from_outside(fit) is fit or set(fit.seen) == set(turned.seen)
+    narrow = replace(within, values=np.array([3.9 * t, 0.1, t]))
+    assert seen_from_outside(narrow) is narrow
     both = replace(within, seen={n: float(n in ("LEFT_INNER", "RIGHT_INNER")) for n in fit.seen})
     assert seen_from_outside(both) is both

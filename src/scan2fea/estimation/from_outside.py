@@ -31,6 +31,8 @@ def seen_from_outside(fit: SectionFit) -> SectionFit:
     swapped = [names.index(name.replace("INNER", "OUTER") if name.endswith("INNER") else name.replace("OUTER", "INNER")) for name in names]
     weight = fit.face_weight[swapped]
     values = np.array([value if name == "t" else value - 2 * t for name, value in zip(fit.names, fit.values.tolist(), strict=True)])
+    if min(values[:2]) <= 2 * t:  # too narrow to be this from outside
+        return fit
     return replace(fit, values=values, face_weight=weight, seen=dict(zip(names, np.minimum(weight, 1.0).tolist(), strict=True)))
 
 

@@ -30,7 +30,7 @@ from scan2fea.pipeline.record import Record, Tracked
 from scan2fea.pipeline.requires import noise_checks, spacing_checks
 from scan2fea.pipeline.results import object_row
 from scan2fea.pipeline.sheet import sheet_of
-from scan2fea.pipeline.true_faces import build_true
+from scan2fea.pipeline.true_faces import build_drawn, build_true
 from scan2fea.reconstruction import reconstruct
 from scan2fea.remeshing import AIM_DEG, eased, remesh, worst_dihedral
 from scan2fea.repair import repair
@@ -78,10 +78,11 @@ def _chain(made: Made, source: Tracked[Part], config: Config, record: Record) ->
         tets = build_member(made, member, config, record)
         made.checks += noise_checks(made.sigma_m, config.require)
     else:
-        surface = _surface(made, source, config, record)
+        surface, repaired = _surface(made, source, config, record)
         if any(not check.passed for check in made.checks):
             return  # refused: what follows would only decorate a wrong shape
-        tets = build_true(made, surface, source, config, record) or _solid_and_tets(made, surface, config, record)
+        true = build_drawn(made, repaired, source, config, record) or build_true(made, surface, source, config, record)
+        tets = true or _solid_and_tets(made, surface, config, record)
     moved(made, "tets", boundary_surface(tets.value))
     _verify_geometry(made)
     if any(not check.passed for check in made.checks):
@@ -111,11 +112,11 @@ def _solve(model: FEModel, *rest: Any, root_radius_m: float) -> FEResult:
     return solve(model, options, member[0] if member else None, root_radius_m)
 
 
-def _surface(made: Made, source: Tracked[Part], config: Config, record: Record) -> Tracked[TriangleMesh]:
-    """The closed surface of a free form, repaired and with triangles that a mesher can use; or as far as its checks let it come."""
+def _surface(made: Made, source: Tracked[Part], config: Config, record: Record) -> tuple[Tracked[TriangleMesh], Tracked[TriangleMesh]]:
+    """The closed surface of a free form, with triangles that a mesher can use, and as repaired; or both as far as its checks let it come."""
     shaped = _shape(made, source, config, record)
     if any(not check.passed for check in made.checks):
-        return shaped
+        return shaped, shaped
     repaired = record("repair", repair, shaped, options=config.repair, n_in=len(shaped.value.faces), count=lambda r: len(r.mesh.faces))
     for step, surface in repaired.value.stages:
         moved(made, f"repair: {step}", surface)
@@ -127,7 +128,7 @@ def _surface(made: Made, source: Tracked[Part], config: Config, record: Record) 
     )
     moved(made, "remesh", remeshed.value.mesh)
     made.how.update({"surface_relaxed": remeshed.value.relaxed} if remeshed.value.relaxed else {})
-    return Tracked(remeshed.value.mesh, remeshed.key)
+    return Tracked(remeshed.value.mesh, remeshed.key), source_mesh
 
 
 def _solid_and_tets(made: Made, surface: Tracked[TriangleMesh], config: Config, record: Record) -> Tracked[TetMesh]:

@@ -14,7 +14,7 @@ from scan2fea.pipeline.config import Config
 from scan2fea.pipeline.faces_worker import true_solid_in_child
 from scan2fea.pipeline.part import Made, Part
 from scan2fea.pipeline.record import Record, Tracked
-from scan2fea.remeshing import worst_dihedral
+from scan2fea.remeshing import chord_height, evened, looks_drawn, worst_dihedral
 from scan2fea.tetmeshing import Filled, FillOptions, fill
 from scan2fea.types import Brep, TetMesh, TriangleMesh
 from scan2fea.verification.limits import limits
@@ -27,8 +27,31 @@ def build_true(
     made: Made, surface: Tracked[TriangleMesh], source: Tracked[Part], config: Config, record: Record
 ) -> Tracked[TetMesh] | None:
     """Solid and tets of true faces, entered into `made`; None where the surface is none of these, with the reason in `made.how`."""
-    noise = made.sigma_m if made.residual_m is None else made.residual_m
-    scale = {"spacing_m": made.spacing_m, "noise_m": noise}
+    noise, drawn = made.sigma_m if made.residual_m is None else made.residual_m, made.how.get("cad_reason", "")
+    tets = _built(made, surface, source, config, record, {"spacing_m": made.spacing_m, "noise_m": noise})
+    if tets is None and drawn:
+        made.how["cad_reason"] += f"; in even triangles: {drawn}"
+    return tets
+
+
+def build_drawn(
+    made: Made, repaired: Tracked[TriangleMesh], source: Tracked[Part], config: Config, record: Record
+) -> Tracked[TetMesh] | None:
+    """The same for a file with curves that were drawn, from even triangles; None where it has points, no such curves, or is none of these."""
+    if made.part.mesh is None or not config.cad.true_faces or not looks_drawn(repaired.value) or not chord_height(repaired.value):
+        return None
+    try:
+        even = record("even", evened, repaired, n_in=len(repaired.value.faces), count=lambda e: len(e.mesh.faces))
+    except StageError:
+        return None
+    scale = {"spacing_m": even.value.edge_m, "noise_m": even.value.chord_m}
+    return _built(made, Tracked(even.value.mesh, even.key), source, config, record, scale)
+
+
+def _built(
+    made: Made, surface: Tracked[TriangleMesh], source: Tracked[Part], config: Config, record: Record, scale: dict[str, float]
+) -> Tracked[TetMesh] | None:
+    """The solid from the triangles of a surface. scale : spacing and noise of its points."""
     found = record(
         "faces", _true_solid, surface, source, options=config.cad, extra=scale, n_in=len(surface.value.faces), count=_n_faces
     )  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.made import made
-from scan2fea.estimation.beside import beside
+from scan2fea.estimation.beside import beside, strip_beside
 from scan2fea.estimation.member import MemberOptions, fit_member
 from scan2fea.kernel.section_likelihood import faces
 from scan2fea.kernel.transforms import rotation_about
@@ -72,3 +72,23 @@ def test_a_tee_of_which_no_side_of_the_web_was_seen_is_no_flat(values, sigma, n)
     points = member_points("T", values, n, MemberScanOptions(noise_m=sigma, faces=seen, seed=1))
     found = fit_member(Scan(cloud=PointCloud.of(points)), MemberOptions())
     assert not found.explains and "run along beside a rect member" in found.reason
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_strip_that_is_an_object_of_its_own_is_told_where_it_ends_with_the_member(family) -> None:
+    member = made(family)
+    assert "an object of their own" in strip_beside(member, [strip(500, 0.0, 1.0, (0.0, 0.12))])
+
+
+@pytest.mark.parametrize(("n", "low", "high", "at"), [(500, 0.02, 1.0, 0.2), (500, 0.0, 1.05, 0.2), (500, -0.5, 1.5, 0.2), (500, 0.0, 1.0, 0.5)])
+def test_a_strip_that_ends_elsewhere_or_lies_far_off_is_another_thing(n, low, high, at) -> None:
+    """The bar is 100 mm wide: its neighbour is told up to twice that."""
+    assert strip_beside(made("rect"), [strip(n, low, high, (0.0, at))]) == ""
+    assert strip_beside(made("rect"), []) == ""
+
+
+def test_a_strip_askew_or_seen_in_its_middle_only_is_another_thing() -> None:
+    whole = strip(500, 0.0, 1.0)
+    askew = whole + np.c_[0.2 * whole[:, 2], np.zeros((500, 2))]
+    ends = whole[(whole[:, 2] < 0.1) | (whole[:, 2] > 0.9)]
+    assert strip_beside(made("rect"), [askew, ends]) == ""

@@ -3,11 +3,15 @@
 A tee of which the web's end was seen and nothing else of the web is a flat with a strip beside it: too few points to be a second body, yet
 clutter neither keeps to one line along the member nor lies there as close as on its faces. Only what lies outside the hull of the section counts:
 fillets and roundings lie within.
+
+Where that strip stands far off, segmentation has made it an object of its own (`segmentation.strips`): then it is known by ending where the member
+does.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.spatial import ConvexHull, cKDTree
@@ -24,6 +28,8 @@ _DENSITY = 0.25  # of the member's faces, where below it a face counts as not se
 _BY_CHANCE = 1e-3  # of all strays together
 _LEAST = 60  # points
 _SLICES, _IN_EACH = 6, 0.25  # along the member: most hold that part of their share, the first and the last among them
+_NEAR = 2.0  # of the largest side of the section: no wall of the usual sections reaches farther beyond another
+_ROWS = 4.0  # mean distances of a strip's points along the member: at an end chance leaves more once in 50
 _MOST = 4  # of them: filters take thin strips out here and there
 
 
@@ -51,6 +57,27 @@ def beside(points: FloatArray, member: Member) -> str:
         f"{len(own)} points run along beside a {member.family} member, {MILLIMETRES_PER_METRE * float(np.median(away[own])):.3g} mm off it "
         "and as close as on its faces: it is only part of what was scanned, or something else lies beside it; scan the rest, or segment it"
     )
+
+
+def strip_beside(member: Member, strips: Sequence[FloatArray]) -> str:
+    """Why the section is only part of what was scanned: an object of its own (k, 3) runs along it and ends with it at both ends; else ""."""
+    shape, length = section(member.family, member.values()), member.values()["length"]
+    outer = shape.loops[0]
+    sides, size = ConvexHull(outer).equations, float(np.ptp(outer, axis=0).max())
+    sweep = sweep_of_member(member)
+    for points in strips:
+        local = sweep.coordinates(points)
+        away = (local[:, :2] @ sides[:, :2].T + sides[:, 2]).max(axis=1)
+        reach = _SIGMAS * member.sigma_m + _ROWS * length / len(points)
+        ends = float(local[:, 2].min()), float(local[:, 2].max()) - length
+        is_along = float(np.ptp(local[:, :2], axis=0).max()) < size and float(away.max()) < _NEAR * size
+        if is_along and max(abs(end) for end in ends) < reach and _runs_along(np.clip(local[:, 2], 0, length), length):
+            off = MILLIMETRES_PER_METRE * float(np.median(away))
+            return (
+                f"{len(points)} points, an object of their own, run along a {member.family} member {off:.3g} mm off it and end where it ends: "
+                "it is only part of what was scanned, or something else lies beside it; scan the rest, or join them in labels.csv"
+            )
+    return ""
 
 
 def _is_crowd(n: int, n_strays: int, share: float) -> bool:

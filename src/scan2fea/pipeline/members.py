@@ -18,7 +18,7 @@ from scan2fea.pipeline.route import ESTIMATION, RECONSTRUCTION, Estimate, estima
 from scan2fea.tetmeshing import layered
 from scan2fea.types import Brep, Member, Route, TetMesh
 from scan2fea.verification.given import given_checks
-from scan2fea.verification.member import member_checks
+from scan2fea.verification.member import member_checks, strip_checks
 
 GIVEN = "the input has faces: it enters at repair"
 ASKED = "free form: route.mode asks for it"
@@ -31,9 +31,11 @@ def choose_route(made: Made, source: Tracked[Part], config: Config, record: Reco
         made.route = Route(name="reconstruction", reason=GIVEN if part.mesh is not None else ASKED)
         return None
     own = own_section(config.object, part.id)
-    scan, known = Tracked(part.scan, source.key), {"route": config.route, "known": own, "doubt": part.doubt, "footings": part.footings}
+    around = {"doubt": part.doubt, "footings": part.footings, "strips": part.strips}
+    scan, known = Tracked(part.scan, source.key), {"route": config.route, "known": own, **around}
     found = record("estimate", estimate, scan, options=config.estimation, extra=known, n_in=len(part.scan.cloud), count=_n_told)
     made.estimate, made.route = found.value, route_of(found.value, mode)
+    made.checks += strip_checks(found.value.strip)
     member = made.member
     if member is None:
         return None

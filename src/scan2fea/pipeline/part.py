@@ -19,7 +19,7 @@ class Part(Value):
     """One object of the scene. `mesh` is given where the input had faces: then it enters at repair and `scan` holds its vertices.
 
     doubt : of the places that it was seen from (`pose_doubt.doubt_of`).   smeared : why a scanner's motion is in its points, "" where it is not.
-    footings : planes that it may rest on.
+    footings : planes that it may rest on.   strips : (k, 3) points of thin objects beside it.
     """
 
     id: int
@@ -29,6 +29,7 @@ class Part(Value):
     doubt: PoseDoubt = field(default_factory=PoseDoubt)
     smeared: str = ""
     footings: tuple[Footing, ...] = ()
+    strips: tuple[FloatArray, ...] = ()
 
     @property
     def contact(self) -> BoolArray:

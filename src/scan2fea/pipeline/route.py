@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from scan2fea.errors import EstimationError, InputError
+from scan2fea.estimation.beside import strip_beside
 from scan2fea.estimation.catalogued import catalogued, with_standard_odds
 from scan2fea.estimation.damage import damages
 from scan2fea.estimation.designation import parse_designation
@@ -24,7 +25,7 @@ from scan2fea.kernel.noise import spacing
 from scan2fea.kernel.sections import PARAMETERS
 from scan2fea.options import option
 from scan2fea.pipeline.dimension_doubt import PoseDoubt, widened
-from scan2fea.types import Footing, Member, Route, Scan, Value
+from scan2fea.types import FloatArray, Footing, Member, Route, Scan, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 ESTIMATION, RECONSTRUCTION = "estimation", "reconstruction"
@@ -45,6 +46,7 @@ class Estimate(Value):
 
     p_fixed : probability of data as far from the given dimensions as these if those were true; None where none was given or none is told.
     given : each given dimension beside what the points say of it.   whole : the user said that nothing hid the object and nothing was cut off it.
+    strip : why it is only part of what was scanned, as an object of its own beside it shows; "" where none does.
     """
 
     member: Member | None
@@ -53,6 +55,7 @@ class Estimate(Value):
     p_fixed: float | None = None
     given: tuple[Given, ...] = ()
     whole: bool = False
+    strip: str = ""
 
     @property
     def untold(self) -> tuple[str, ...]:
@@ -85,11 +88,12 @@ def estimate(
     known: KnownSection | None = None,
     doubt: PoseDoubt = PoseDoubt(),
     footings: Sequence[Footing] = (),
+    strips: Sequence[FloatArray] = (),
 ) -> Estimate:
     """The member of the points, with its catalogue and damage. A bad designation or table raises; an object that is no member does not.
 
     known : of this object alone, in place of `route.member`.   doubt : of the places that its points, by `frame`, were measured from.
-    footings : planes that the object may rest on.
+    footings : planes that the object may rest on.   strips : (k, 3) points of thin objects beside it.
     """
     table = table_of(route)
     section = known_section(route, table) if known is None else known
@@ -108,6 +112,9 @@ def estimate(
     two = several_members(measured, fit, options)
     if two is not None:
         fit = replace(fit, explains=False, reason=two.reason)
+    strip = strip_beside(fit.member, strips) if fit.explains and not options.family else ""
+    if strip:
+        fit = replace(fit, explains=False, reason=strip)
     member = seated(measured, fit.member, footings)
     if inferred is not None:
         member = rested(member, scan.cloud.points[inferred], spacing(scan.cloud.points[~inferred]))
@@ -115,16 +122,18 @@ def estimate(
     face_m = face_error(told.pattern_m, told.p_value, fit.section.sigma_m) if fit.method == "density" else 0.0
     member = widened(member, scan.cloud, doubt, face_m)
     if not any(p.observable or p.source == "fixed" for p in member.parameters if p.name != "length"):
-        return Estimate(member=None, explains=False, reason=f"no dimension of a {member.family} member was seen" if fit.explains else fit.reason)
+        why = f"no dimension of a {member.family} member was seen" if fit.explains else fit.reason
+        return Estimate(member=None, explains=False, reason=why, strip=strip)
     if fit.method == "density":
         member = with_standard_odds(member, alternatives(fit.section), table)
     try:
         member = catalogued(member, table)
     except EstimationError as error:
-        return Estimate(member=None, explains=False, reason=str(error))
+        return Estimate(member=None, explains=False, reason=str(error), strip=strip)
     if fit.explains:
         member = replace(member, damage=damages(scan.cloud.points, member, member.sigma_m, options.seed))
-    return Estimate(member=member, explains=fit.explains, reason=_reason(fit, options), p_fixed=fit.p_fixed, given=fit.given, whole=options.whole)
+    why = _reason(fit, options)
+    return Estimate(member=member, explains=fit.explains, reason=why, p_fixed=fit.p_fixed, given=fit.given, whole=options.whole, strip=strip)
 
 
 def alternatives(fit: SectionFit) -> Mapping[str, Mapping[str, float]]:

@@ -4,5 +4,17 @@ from scan2fea.segmentation.contact import contact_points, footings
 from scan2fea.segmentation.options import SegmentationOptions, SelectOptions
 from scan2fea.segmentation.scene import METHODS, Method, segment_scene
 from scan2fea.segmentation.select import Selection, select
+from scan2fea.segmentation.strips import strips_beside
 
-__all__ = ["METHODS", "Method", "SegmentationOptions", "SelectOptions", "Selection", "contact_points", "footings", "segment_scene", "select"]
+__all__ = [
+    "METHODS",
+    "Method",
+    "SegmentationOptions",
+    "SelectOptions",
+    "Selection",
+    "contact_points",
+    "footings",
+    "segment_scene",
+    "select",
+    "strips_beside",
+]

@@ -9,7 +9,7 @@ import numpy as np
 from scan2fea.kernel.pinned import SEEN
 from scan2fea.kernel.sections import section, section_area, section_area_slopes
 from scan2fea.types import Check, Member
-from scan2fea.verification.limits import at_least, at_most
+from scan2fea.verification.limits import at_least, at_most, holds
 
 # Faces that end an open section on each side. Of each group one at least must have been seen: an I of which half was
 # scanned looks like a T whose web has no end.
@@ -39,6 +39,11 @@ def member_checks(member: Member, explains: bool, *, given: bool = False) -> tup
         at_most("member.inside_unknown", 0 if given else int(member.inside == "unknown" or _is_open_bar(member))),
         at_most("member.volume_std", relative_volume_std(member)),
     )
+
+
+def strip_checks(reason: str) -> tuple[Check, ...]:
+    """The failed check of an object beside which an object of its own runs, whatever it is made as: `reason` says so; none where nothing does."""
+    return (holds("member.strip_beside", False, reason, "none"),) if reason else ()
 
 
 def _is_open_bar(member: Member) -> bool:

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from estimation.made import SIZES, made
+from scan2fea.estimation.as_member import with_length_std
 from scan2fea.estimation.ends import run_end
 from scan2fea.estimation.from_outside import seen_from_outside
 from scan2fea.estimation.member import MemberOptions, fit_member
-from scan2fea.estimation.reach import reach
+from scan2fea.estimation.reach import end_rows, reach
 from scan2fea.kernel.section_likelihood import faces
 from scan2fea.kernel.transforms import rigid, rotation_about
 from scan2fea.simulation.member import MemberScanOptions, member_points
@@ -248,3 +249,17 @@ def test_a_corner_seen_from_within_is_one_seen_from_outside() -> None:
     assert seen_from_outside(narrow) is narrow
     both = replace(within, seen={n: float(n in ("LEFT_INNER", "RIGHT_INNER")) for n in fit.seen})
     assert seen_from_outside(both) is both
+
+
+def test_rows_across_a_whole_scan_leave_its_length_open() -> None:
+    """Rows 20 mm apart: the ends are known to 20 mm / 3^(1/2) each; what was wider stays, what is held too."""
+    member, points, _ = corner()
+    local = points @ ASKEW
+    local[:, 2] = np.round(local[:, 2] / 0.02) * 0.02
+    rows = end_rows(local @ ASKEW.T, member)
+    assert rows == pytest.approx(np.sqrt(2 / 3) * 0.02, rel=0.05) and rows > 4 * end_rows(points, member)
+    wider = with_length_std(member, rows)
+    assert wider.parameters[-1].std_m == rows and wider.covariance[-1, -1] == rows**2 and member.parameters[-1].std_m < rows
+    assert with_length_std(wider, 0.5 * rows) is wider
+    held = replace(member, parameters=(*member.parameters[:-1], replace(member.parameters[-1], std_m=None, source="fixed")))
+    assert with_length_std(held, rows) is held

@@ -151,6 +151,17 @@ def with_reach(member: Member, fit: SectionFit, found: Reach) -> tuple[Sweep, Se
     return sweep, dataclasses.replace(fit, values=found.values, std=std, covariance=covariance, observable=observable, why=why)
 
 
+def with_length_std(member: Member, std_m: float) -> Member:
+    """The member with a length known no better than to `std_m`, where it was fitted."""
+    at = len(member.parameters) - 1
+    p = member.parameters[at]
+    if p.std_m is None or p.std_m >= std_m:
+        return member
+    covariance = np.array(member.covariance)
+    covariance[at, at] = std_m**2
+    return dataclasses.replace(member, covariance=covariance, parameters=(*member.parameters[:at], dataclasses.replace(p, std_m=std_m)))
+
+
 def blind_plate(fit: SectionFit, name: str) -> bool:
     """A sheet thinner than two sigma may have been seen from one side only: what looks like its thickness may be the law of the noise."""
     return fit.family == "rect" and fit.value(name) < RESOLVED * fit.sigma_m if name in fit.names else False

@@ -15,7 +15,18 @@ import numpy as np
 from scan2fea.errors import EstimationError, InputError, UsageError, require
 from scan2fea.estimation.along_axis import MemberOptions as MemberOptions
 from scan2fea.estimation.along_axis import freed, likeliest
-from scan2fea.estimation.as_member import BLENDED, blind_plate, ends_of, honest, member_of, near_section, seen_faces, significant, with_reach
+from scan2fea.estimation.as_member import (
+    BLENDED,
+    blind_plate,
+    ends_of,
+    honest,
+    member_of,
+    near_section,
+    seen_faces,
+    significant,
+    with_length_std,
+    with_reach,
+)
 from scan2fea.estimation.axis import Axis, axes_of
 from scan2fea.estimation.beside import beside
 from scan2fea.estimation.caps import HOLLOW, SOLID, ends_show, inside_of
@@ -29,7 +40,7 @@ from scan2fea.estimation.given import Given, Told, compared, joint_p_value, told
 from scan2fea.estimation.mirrored import told_toes
 from scan2fea.estimation.prismatic import is_prismatic
 from scan2fea.estimation.ray_voids import in_sheets
-from scan2fea.estimation.reach import reach
+from scan2fea.estimation.reach import end_rows, reach
 from scan2fea.estimation.rim import BAR_OF, hollow, is_unsure, with_rim
 from scan2fea.estimation.swept import Sweep, sweep_of
 from scan2fea.estimation.systematic import even_spacing, face_error, thinned_spacing, widened
@@ -212,6 +223,7 @@ def _swept(
     if hidden is not None:
         sweep, fit = with_reach(one.member, fit, hidden)
         one = _between_ends(points, sweep, fit, options, fixed, one.wall_m, hidden.faces)
+        one = dataclasses.replace(one, member=with_length_std(one.member, end_rows(points, one.member))) if options.whole else one
     more = (continued(points, one.member) or beside(points, one.member)) if one.told.explains else ""
     told = dataclasses.replace(one.told, explains=False, reason=more) if more else one.told
     p_fixed, given = _tested(fixed, told_free, fit.family, one.ends)

@@ -83,6 +83,14 @@ def reach(points: FloatArray, member: Member, *, whole: bool = False) -> Reach |
     return solved(member, seen, ends, len(local)) if ends else None
 
 
+def end_rows(points: FloatArray, member: Member) -> float:
+    """Standard deviation (m) that rows of points across a member leave to its length, or the widest that noise hides; both ends were seen alike."""
+    length = member.values()["length"]
+    local = sweep_of_member(member).coordinates(points)
+    step = _step(_Run(out=local[:, 2] - length, z=local[:, 0], start=-length), member.sigma_m)
+    return math.sqrt(2) * _LAST_ROW * min(step, length)
+
+
 def _hidden(member: Member, seen: set[str], whole: bool) -> Iterator[tuple[Face, Face, Face]]:
     """Every face of the outline that was not seen though both its neighbours were (of a whole scan one), which it overtops at both corners.
 

@@ -6,7 +6,7 @@ standard deviation that the dimensions leave it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,13 +26,14 @@ from scan2fea.fea.restrain import rigid_fields
 from scan2fea.fea.section_properties import SectionProperties, properties_of
 from scan2fea.fea.static import figure
 from scan2fea.fea.strain import at_nodes, von_mises
-from scan2fea.fea.surfaces import Surface, spread_force, spread_moment, surface
+from scan2fea.fea.surfaces import Surface, distortion, spread_force, spread_moment, surface
 from scan2fea.kernel.sections import PARAMETERS
 from scan2fea.types import CaseField, CaseResult, FEModel, FloatArray, Material, Member, Value
 
 FIRST, LAST = "END_FIRST", "END_LAST"  # the names of the end faces of a swept member
 SIDEWAYS = 0.02  # of the displacement: less across the load, or less twist at the rim, is not worth a line
 N_ELEMENTS = 24
+OWN_WALLS = 0.5  # of the motion of an end section: a mode that distorts it by more is one of its walls, which no beam has
 SLENDER = 5.0  # length over the size of the section below which beam theory says little of a solid: such members have no cases of their own
 
 
@@ -55,17 +56,26 @@ class _Bench(Value):
 
 
 def member_cases(
-    model: FEModel, system: System, shared: Shared | None, member: Member, root_radius_m: float, rows: Sequence[CaseResult], options: FeaOptions
+    model: FEModel,
+    system: System,
+    shared: Shared | None,
+    member: Member,
+    root_radius_m: float,
+    rows: Sequence[CaseResult],
+    options: FeaOptions,
+    shapes: FloatArray,
 ) -> tuple[list[CaseResult], list[CaseField]]:
     """(`rows` with expected figures and standard deviations where theory has them, and the member's own rows; fields of these).
 
-    Members shorter than SLENDER times their section get standard deviations alone. Raises SolveError.
+    shapes : (k, n, 3) elastic modes of the free body.   Members shorter than SLENDER times their section get standard deviations alone.
+    Raises SolveError.
     """
     values = member.values()
     p = properties_of(member.family, {n: values[n] for n in PARAMETERS[member.family]}, root_radius_m)
     found = budget(member, model.material, options.test_force_n, root_radius_m, options.n_samples, options.seed)
     is_slender = values["length"] >= SLENDER * 2 * float(p.reach.max())
-    out = _with_theory(rows, p, model.material, values["length"], found, options.test_force_n, is_slender)
+    numbers = _beam_modes(model, np.asarray(member.T_world_member)[:3, :2], shapes)
+    out = _with_theory(rows, p, model.material, values["length"], found, options.test_force_n, is_slender, numbers)
     if not (options.member_cases and is_slender):
         return out, []
     for name in (FIRST, LAST):
@@ -134,17 +144,36 @@ def _rows(bench: _Bench, name: str, u: FloatArray) -> list[CaseResult]:
     return rows
 
 
+def _beam_modes(model: FEModel, across: FloatArray, shapes: FloatArray) -> dict[int, int]:
+    """Elastic mode -> the mode of a free beam that it is, both from 0; thin walls may swing by themselves below these. across : (3, 2)."""
+    if not len(model.surfaces.get(LAST, ())):
+        return {k: k for k in range(len(shapes))}
+    end = surface(np.asarray(model.mesh.nodes), np.asarray(model.mesh.boundary[model.surfaces[LAST]]))
+    own = [k for k, shape in enumerate(shapes) if distortion(end, across, shape) <= OWN_WALLS]
+    return {k: n for n, k in enumerate(own)}
+
+
 def _with_theory(
-    rows: Sequence[CaseResult], p: SectionProperties, material: Material, length_m: float, found: Budget, force_n: float, is_slender: bool
+    rows: Sequence[CaseResult],
+    p: SectionProperties,
+    material: Material,
+    length_m: float,
+    found: Budget,
+    force_n: float,
+    is_slender: bool,
+    numbers: Mapping[int, int],
 ) -> list[CaseResult]:
-    """Mass and the first free frequencies with their standard deviations, the frequencies of slender members beside those of a free beam."""
+    """Mass and the first free frequencies with their standard deviations, the frequencies of slender members beside those of a free beam.
+
+    numbers : elastic mode -> mode of the beam, of those that a beam has; the others keep their value alone.
+    """
     fine = beam_response(p, material, length_m, force_n, N_ELEMENTS)
     out = []
     for row in rows:
         if (row.name, row.measure) == ("mass", "mass_kg"):
             row = replace(row, std=std_of(found, "mass_kg", row.value))
-        elif row.name == "modal" and row.measure in {f"f{k + 7}_hz" for k in range(N_FREQUENCIES)}:
-            key = f"f{int(row.measure[1:-3]) - 6}_hz"
+        elif row.name == "modal" and row.measure in {f"f{k + 7}_hz" for k, n in numbers.items() if n < N_FREQUENCIES}:
+            key = f"f{numbers[int(row.measure[1:-3]) - 7] + 1}_hz"
             row = figure(row.name, row.measure, row.unit, row.value, fine[key] if is_slender else None, std_of(found, key, row.value))
         out.append(row)
     return out

@@ -125,7 +125,7 @@ def solve(model: FEModel, options: FeaOptions = FeaOptions(), member: Member | N
     cases = [*rows, *modal, *_discretisation(model, fields[0].displacement_m, shapes[0], float(frequencies[N_RIGID]), held), mass]
     if member is not None:
         try:
-            cases, more = member_cases(model, system, shared, member, root_radius_m, cases, options)
+            cases, more = member_cases(model, system, shared, member, root_radius_m, cases, options, shapes)
             fields += more
         except SolveError as error:
             failed["member"] = str(error)

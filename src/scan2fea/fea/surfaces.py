@@ -53,6 +53,18 @@ class Surface(Value):
         return mean, np.linalg.lstsq(_inertia(arm, area), turning, rcond=1e-9)[0]
 
 
+def distortion(face: Surface, axes: FloatArray, field: FloatArray) -> float:
+    """Share of the motion of a flat face, within its plane, that is not rigid: 0 of a section that keeps its shape, 1 of walls that swing.
+
+    axes : (3, 2), columns that span the plane.   field : (n, 3) displacements.
+    """
+    mean, turned = face.moved(field)
+    u = np.einsum("qa,fac->fqc", face.shape, field[face.triangles])
+    rest = u - mean - np.cross(turned, face.at - face.centroid)
+    own, whole = (float((face.area * ((v @ axes) ** 2).sum(axis=2)).sum()) for v in (rest, u))
+    return own / whole if whole > 0 else 0.0
+
+
 def _inertia(arm: FloatArray, area: FloatArray) -> FloatArray:
     """(3, 3) of areas about the origin of their arms."""
     square = np.einsum("fqc,fqc->fq", arm, arm)

@@ -117,6 +117,22 @@ def quartered(tri):
     return np.concatenate([*corners, m])
 
 
+def spiral(turns=1.6, step_deg=72.0, inner=0.03, outer=0.05, height=0.02):
+    """A square bar bent round more than once, through itself: what it covers is a ring of five sides."""
+    n = round(turns * 360 / step_deg)
+    angle = np.radians(step_deg) * np.arange(n + 1)
+    way = np.c_[np.cos(angle), np.sin(angle)]
+    vertices = np.array([[*(d * r), z] for d in way for r, z in ((inner, 0), (outer, 0), (outer, height), (inner, height))])
+    sides = []
+    for i in range(0, 4 * n, 4):
+        for k in range(4):
+            m = (k + 1) % 4
+            sides += [[i + k, i + 4 + k, i + 4 + m], [i + k, i + 4 + m, i + m]]
+    ends = [[0, 1, 2], [0, 2, 3], [4 * n, 4 * n + 2, 4 * n + 1], [4 * n, 4 * n + 3, 4 * n + 2]]
+    tilt = 4e-4 * np.arange(n + 1).repeat(4)  # no two turns quite in one plane
+    return TriangleMesh(vertices=vertices + np.c_[tilt, tilt, tilt], faces=np.array(sides + ends, np.int64))
+
+
 def sphere(radius=1.0, rounds=3):
     """An icosahedron, each face cut into four `rounds` times, on the sphere."""
     g = (1 + 5**0.5) / 2

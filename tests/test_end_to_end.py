@@ -6,6 +6,7 @@ import jsonschema
 import numpy as np
 import pytest
 
+from predicates import spiral
 from scan2fea.cli.main import main
 from scan2fea.io import read_mesh
 from scan2fea.kernel.measures import volume
@@ -131,6 +132,19 @@ def test_closed_mesh_enters_at_repair(tmp_path, done):
     report = report_of(tmp_path / "OUT")
     jsonschema.validate(report, report_schema())
     assert next(s["name"] for s in report["stages"] if s["object"]) == "repair"
+
+
+def test_a_mesh_that_crosses_itself(tmp_path):
+    given = spiral()
+    lines = ["v {:.9g} {:.9g} {:.9g}".format(*v) for v in given.vertices] + ["f {} {} {}".format(*(f + 1)) for f in given.faces]
+    (tmp_path / "wound.obj").write_text("\n".join(lines))
+    assert main(["run", str(tmp_path / "wound.obj"), "-o", str(tmp_path / "OUT"), "--unit", "m", *FAST]) == 0
+    row = report_of(tmp_path / "OUT")["objects"][0]
+    assert row["verdict"] == "converted"
+    assert "could not be repaired" in row["reason"] and "fTetWild" in row["reason"]
+    steps = [step["step"] for step in row["drift"]]
+    assert steps.index("new boundary") < steps.index("repair")
+    assert 7.6e-5 <= row["volume"]["volume_m3"] <= 8.9e-5  # the ring, and the 3.2 mm of 20 that its turns climb
 
 
 POOR = {

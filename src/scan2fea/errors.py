@@ -66,6 +66,10 @@ class RepairError(StageError):
     pass
 
 
+class CrossingError(RepairError):
+    """The surface still crosses or touches itself after repair: a mesher of solids that works with such surfaces may find one."""
+
+
 class MeshingError(StageError):
     pass
 

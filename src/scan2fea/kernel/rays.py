@@ -247,8 +247,11 @@ def _triangle(corners: FloatArray, i: int, ox: float, oy: float, oz: float, dx: 
 
 
 @jit
-def _on_plane(c: FloatArray, o: FloatArray, d: FloatArray) -> float:
-    """Ray parameter on the triangle's plane. On needles it keeps the digits that the triangle test loses; the two shortest edges give the normal."""
+def _on_plane(c: FloatArray, o: FloatArray, d: FloatArray, tested: float) -> float:
+    """Ray parameter on the triangle's plane. On needles it keeps the digits that the triangle test loses; the two shortest edges give the normal.
+
+    tested : what that test gave; it stands where rounding leaves the ray in the plane.
+    """
     a, b = 0, 0.0
     for i in range(3):  # the corner opposite the longest edge
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -260,7 +263,8 @@ def _on_plane(c: FloatArray, o: FloatArray, d: FloatArray) -> float:
     vx, vy, vz = c[k, 0] - c[a, 0], c[k, 1] - c[a, 1], c[k, 2] - c[a, 2]
     nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
     above = nx * (c[a, 0] - o[0]) + ny * (c[a, 1] - o[1]) + nz * (c[a, 2] - o[2])
-    return float(above / (nx * d[0] + ny * d[1] + nz * d[2]))
+    across = nx * d[0] + ny * d[1] + nz * d[2]
+    return float(above / across) if across != 0.0 else tested
 
 
 @jit
@@ -304,7 +308,7 @@ def _cast(
                 top -= 1
                 if entry[top] <= best * _WIDER + _TINY:
                     node = stack[top]
-        t_out[r], face_out[r] = best if hit < 0 else _on_plane(corners[row], origin[r], direction[r]), hit
+        t_out[r], face_out[r] = best if hit < 0 else _on_plane(corners[row], origin[r], direction[r], best), hit
 
 
 @jit

@@ -13,12 +13,13 @@ from typing import Any
 import numpy as np
 
 from scan2fea.cad import to_brep
-from scan2fea.errors import InternalError, ReconstructionError, Scan2FeaError, StageError
+from scan2fea.errors import CrossingError, InternalError, MeshingError, ReconstructionError, RepairError, Scan2FeaError, StageError
 from scan2fea.fea import build_model, solve
 from scan2fea.io.artifacts import save
 from scan2fea.kernel.boundary import boundary_surface
 from scan2fea.kernel.coverage import deviation, face_origin
-from scan2fea.kernel.measures import face_areas, volume
+from scan2fea.kernel.distances import PointToMesh
+from scan2fea.kernel.measures import extent, face_areas, volume
 from scan2fea.kernel.noise import spacing
 from scan2fea.pipeline.config import Config
 from scan2fea.pipeline.drift import moved
@@ -33,8 +34,8 @@ from scan2fea.pipeline.sheet import sheet_of
 from scan2fea.pipeline.true_faces import build_drawn, build_true
 from scan2fea.reconstruction import reconstruct
 from scan2fea.remeshing import AIM_DEG, eased, remesh, worst_dihedral
-from scan2fea.repair import repair
-from scan2fea.tetmeshing import Filled, fill
+from scan2fea.repair import Repaired, repair
+from scan2fea.tetmeshing import ENVELOPE, Filled, fill, new_boundary
 from scan2fea.types import MEASURED, Brep, FEModel, FEResult, IntArray, Member, TetMesh, TriangleMesh
 from scan2fea.verification.limits import limits
 from scan2fea.verification.mesh import brep_checks, surface_checks, tet_checks
@@ -117,7 +118,7 @@ def _surface(made: Made, source: Tracked[Part], config: Config, record: Record) 
     shaped = _shape(made, source, config, record)
     if any(not check.passed for check in made.checks):
         return shaped, shaped
-    repaired = record("repair", repair, shaped, options=config.repair, n_in=len(shaped.value.faces), count=lambda r: len(r.mesh.faces))
+    repaired = _repaired(made, shaped, config, record)
     for step, surface in repaired.value.stages:
         moved(made, f"repair: {step}", surface)
     moved(made, "repair", repaired.value.mesh)
@@ -129,6 +130,39 @@ def _surface(made: Made, source: Tracked[Part], config: Config, record: Record) 
     moved(made, "remesh", remeshed.value.mesh)
     made.how.update({"surface_relaxed": remeshed.value.relaxed} if remeshed.value.relaxed else {})
     return Tracked(remeshed.value.mesh, remeshed.key), source_mesh
+
+
+def _repaired(made: Made, shaped: Tracked[TriangleMesh], config: Config, record: Record) -> Tracked[Repaired]:
+    """The surface repaired. Where it crosses itself still, or much was cut out for that, the boundary of tets may take its place, repaired again."""
+
+    def repaired(surface: Tracked[TriangleMesh]) -> Tracked[Repaired]:
+        return record("repair", repair, surface, options=config.repair, n_in=len(surface.value.faces), count=lambda r: len(r.mesh.faces))
+
+    def away(found: Tracked[Repaired]) -> float:
+        """Of the vertices given, as a share of the size of the part."""
+        distance = PointToMesh(found.value.mesh).nearest(shaped.value.vertices).distance
+        return float(np.percentile(distance, 95)) / extent(shaped.value.vertices)
+
+    cut: Tracked[Repaired] | None = None
+    try:
+        cut = repaired(shaped)
+        if not cut.value.n_cut_out or away(cut) <= ENVELOPE:
+            return cut
+        reason = f"{cut.value.n_cut_out} crossing faces would have to be cut out"
+    except CrossingError as error:
+        reason = str(error)
+    try:
+        new = record("new boundary", new_boundary, shaped, options=config.tetmeshing, n_in=len(shaped.value.faces), count=lambda m: len(m.faces))
+        found = repaired(new)
+    except (MeshingError, RepairError) as error:
+        if cut is not None:
+            return cut
+        raise RepairError(f"{reason} (fTetWild finds no other surface: {error})") from None
+    if cut is not None and away(cut) <= away(found):
+        return cut
+    moved(made, "new boundary", new.value)
+    made.how["new_boundary"] = reason.partition(":")[0]
+    return found
 
 
 def _solid_and_tets(made: Made, surface: Tracked[TriangleMesh], config: Config, record: Record) -> Tracked[TetMesh]:

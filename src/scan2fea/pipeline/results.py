@@ -210,6 +210,8 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
         rests = ["rests on a plane that was"] if made.part.contact.any() else []
         walls = ["is the other face of walls that were, and whose thickness was measured round about"] if len(made.carried) else []
         row["reason"] += f"; {share} of the surface was not seen: it {' or '.join(rests + walls)}"
+    if found.name == "converted" and "new_boundary" in made.how:
+        row["reason"] += f"; the surface given could not be repaired ({made.how['new_boundary']}): it is the boundary that fTetWild found"
     if found.name == "converted" and made.tets is not None and made.how.get("over_budget"):
         row["reason"] += f"; it took {len(made.tets.tets)} elements, tetmeshing.max_elements is {made.how['max_elements']}"
     return dict(finite_tree({key: value for key, value in row.items() if value is not None}))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scan2fea.errors import RepairError, require
+from scan2fea.errors import CrossingError, RepairError, require
 from scan2fea.kernel.distances import signed_distance
 from scan2fea.kernel.measures import area, volume
 from scan2fea.kernel.predicates import self_intersections
@@ -214,8 +214,8 @@ def _require_sound(mesh: TriangleMesh) -> None:
         (t.n_degenerate_faces, "faces without area"),
     ]
     told = ", ".join(f"{count} {what}" for count, what in faults if count)
-    require(not told, RepairError, f"the surface does not bound a solid after repair: {told}; repair it by hand or reconstruct it from its points")
+    require(not told, CrossingError, f"the surface does not bound a solid after repair: {told}; repair it by hand or reconstruct it from its points")
     require(t.n_components == 1, RepairError, f"the surface consists of {t.n_components} shells: give one file per part")
     crossing = len(self_intersections(mesh))
-    require(not crossing, RepairError, f"{crossing} pairs of faces still cross after repair: repair it by hand or reconstruct it from its points")
+    require(not crossing, CrossingError, f"{crossing} pairs of faces still cross after repair: repair it by hand or reconstruct it from its points")
     require(volume(mesh) > 0, RepairError, "the surface encloses no volume")

@@ -1,24 +1,26 @@
-"""The child process that runs gmsh: `python -P worker.py JOB.npz RESULT.npz`.
+"""The child process that runs gmsh, or fTetWild: `python -P worker.py JOB.npz RESULT.npz`.
 
 gmsh may crash, hang or eat memory on a bad surface; in a process of its own it takes nothing else along. The file is run by its path, so that it
 loads gmsh and numpy and not the rest of the package. It talks through two npz files and exits with 0 also where gmsh refuses (`error` says why).
 
-Job: kind "brep" (step, shift_mm, size_mm, max_size_mm, max_tets, max_nodes, per_turn: edges round a circle) or "surface" (vertices, faces,
-growth); algorithm "hxt", "delaunay", "auto" (by the shape of the triangles) or "other" (than auto takes); good_deg: no optimisation above;
-memory_gib.
-Result, in the units of the job: nodes (n, 3), tets (m, 4), tags (n,) gmsh's numbers of the nodes, min_dihedral_deg, done (what ran, as text); brep
-also triangles (k, 3), face (k,) index of the STEP face of each, of curved solids (per_turn > 0) middles (k, 3, 3) of their edges 01 12 20 on
-the face or its border, `coarser` than asked by, and face_centre, face_area of each STEP face, by which the caller proves the order.
+Job: kind "brep" (step, shift_mm, size_mm, max_size_mm, max_tets, max_nodes, per_turn: edges round a circle), "surface" (vertices, faces, growth)
+or "dirty" (vertices, faces, envelope: share of the diagonal by which fTetWild may move the surface); memory_gib; but for "dirty" also algorithm
+"hxt", "delaunay", "auto" (by the shape of the triangles) or "other" (than auto takes), and good_deg: no optimisation above.
+Result, in the units of the job: nodes (n, 3), tets (m, 4); but for "dirty" also tags (n,) gmsh's numbers of the nodes, min_dihedral_deg, done (what
+ran, as text); brep also triangles (k, 3), face (k,) index of the STEP face of each, of curved solids (per_turn > 0) middles (k, 3, 3) of their edges
+01 12 20 on the face or its border, `coarser` than asked by, and face_centre, face_area of each STEP face, by which the caller proves the order.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import math
 import os
 import sys
 import tempfile
 import threading
 import time
+from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +42,10 @@ def main(job_path: str, result_path: str) -> None:
         job = {name: archive[name] for name in archive.files}
     _limit_memory(float(job["memory_gib"]))
     threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
+    np.savez(result_path, **(_wild(job) if str(job["kind"]) == "dirty" else _gmsh(job)))
+
+
+def _gmsh(job: dict[str, Any]) -> dict[str, Any]:
     import gmsh
 
     gmsh.initialize(interruptible=False)
@@ -49,7 +55,25 @@ def main(job_path: str, result_path: str) -> None:
         reasons = dict.fromkeys(str(r).strip() for r in (error, gmsh.logger.getLastError()) if str(r).strip())
         found = {"error": np.array("; ".join(reasons) or type(error).__name__)}
     gmsh.finalize()
-    np.savez(result_path, **found)
+    return found
+
+
+def _wild(job: dict[str, Any]) -> dict[str, Any]:
+    """fTetWild (Hu et al. 2020). Its package loads pyvista, which nothing here needs, so the compiled module is loaded alone."""
+    package = importlib.util.find_spec("pytetwild")
+    folders = package.submodule_search_locations if package is not None else None
+    spec = PathFinder.find_spec("PyfTetWildWrapper", folders)
+    if spec is None or spec.loader is None:
+        return {"error": np.array("pytetwild has no PyfTetWildWrapper: install pytetwild again")}
+    wrapper = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(wrapper)
+    none = np.zeros((0, 3)), np.zeros((0, 4), np.int32), np.zeros(0)
+    optimise, as_it_is, edge, stop_energy, coarsen, threads, rounds, silent, quiet = True, False, 0.05, 10.0, False, 1, 80, 6, True
+    nodes, tets = wrapper.tetrahedralize_mesh(
+        job["vertices"], job["faces"].astype(np.uint32), optimise, as_it_is, edge, 0.0, float(job["envelope"]), stop_energy, coarsen, threads, rounds,
+        silent, quiet, False, False, *none,
+    )  # fmt: skip
+    return {"nodes": nodes, "tets": tets[:, [1, 0, 2, 3]].astype(np.int64), "error": np.array("")}  # they come inside out
 
 
 def _limit_memory(gib: float) -> None:

@@ -12,10 +12,10 @@ from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_areas, volume
 from scan2fea.kernel.primitives import Plane
 from scan2fea.reconstruction.bare_faces import bare_faces
-from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, HIDDEN_VOLUME, PLACE, VOLUME_IN_DOUBT
+from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, HIDDEN_VOLUME, PLACE, VOLUME_IN_DOUBT, WALL_ENDS
 from scan2fea.reconstruction.empty_places import empty_places
 from scan2fea.reconstruction.evidence import at_most, mm
-from scan2fea.reconstruction.flat_gaps import hidden_volume_flat
+from scan2fea.reconstruction.flat_gaps import flat_ends, hidden_volume_flat
 from scan2fea.reconstruction.gates import in_all
 from scan2fea.reconstruction.gates_surface import deviation, mean_curvature, stray
 from scan2fea.reconstruction.plane_growing import Planes, tolerance_m
@@ -38,8 +38,12 @@ UNMEASURED = 0.10
 RIM_CUT = 0.3  # h^2 per length of edge that a surface through points cuts off
 
 
-def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, planes: Planes) -> tuple[Check, ...]:
-    """The checks of a solid of flat faces. first : the surface that told inside from outside."""
+def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, planes: Planes, seen_through_m3: float | None = None) -> tuple[Check, ...]:
+    """The checks of a solid of flat faces. first : the surface that told inside from outside.
+
+    seen_through_m3 : where sight lines told it in its place, the volume of the solid that they pass through.
+    """
+    by_lines = seen_through_m3 is not None
     cloud = scan.cloud
     measured = cloud.points if cloud.is_inferred is None else cloud.points[~cloud.is_inferred]
     backed = np.concatenate([cloud.points, first.carried])
@@ -56,7 +60,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, planes: 
     body, before = abs(volume(mesh)), abs(volume(first.mesh))
     cut, grown = _rims(mesh, h, sigma)
     larger = before / body - 1.0
-    apart = max(0.0, larger - grown / body, -larger - cut / body)
+    apart = max(0.0, larger - grown / body, -larger - cut / body) if seen_through_m3 is None else seen_through_m3 / body
     checks = [
         at_most(
             "points beside flat faces", share, UNEXPLAINED,
@@ -73,12 +77,14 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, planes: 
         ),
         at_most(
             "solid and first surface", apart, APART,
+            f"sight lines pass through {apart:.1%} of the flat solid (limit {APART:.0%})" if by_lines else
             f"the flat solid and the surface it came from differ by {apart:.1%} of the volume more than edges explain (limit {APART:.0%})",
         ),
-        *_inherited(first),
+        *_inherited(first, by_lines),
         deviation(off, 2.5 * sigma + 0.125 * h),
         stray(measured, off, 3.0 * sigma + 0.5 * h),
         hidden_volume_flat(mesh, backed, h),
+        *((flat_ends(mesh, backed, h),) if by_lines else ()),
         bare_faces(mesh, cloud.points, scan.sensors(), h),
         empty_places(mesh, cloud.points),
     ]  # fmt: skip
@@ -89,9 +95,10 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, planes: 
     return in_all(*checks)
 
 
-def _inherited(first: Reconstruction) -> tuple[Check, ...]:
+def _inherited(first: Reconstruction, by_lines: bool) -> tuple[Check, ...]:
     """What was said of the first surface, but for what is measured again on the flat one, or cured: what noise and spacing do to edges."""
-    return tuple(check for check in first.checks if check.name not in CURED)
+    cured = CURED | {WALL_ENDS} if by_lines else CURED
+    return tuple(check for check in first.checks if check.name not in cured)
 
 
 def _std_of(region: IntArray, planes: Planes) -> FloatArray:

@@ -20,11 +20,13 @@ from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction.blurred_faces import placed
+from scan2fea.reconstruction.flat_gaps import over_walls
 from scan2fea.reconstruction.flat_solid import flat_solid
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.gates_planar import gates_planar
 from scan2fea.reconstruction.plane_growing import MOST_PLANES, Planes, grow_planes
 from scan2fea.reconstruction.regular import EXACT
+from scan2fea.reconstruction.sight import Sight
 from scan2fea.reconstruction.strips import with_strips
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
 from scan2fea.types import BoolArray, FloatArray, Scan, TriangleMesh, Value
@@ -35,18 +37,24 @@ SUPPORT = 600  # points of a plane that say which cells it cuts
 REACH = 2.5  # spacings that a plane reaches beyond its points, besides the noise
 MARGIN = 0.05  # of the size: the box round everything
 PROBES = 24  # places in a cell at which the first surface is asked
+PROBES_KNOWN = 48  # the same where points and sight lines are: of many a place they tell nothing
 BARE_PRICE = 0.5  # spacings: what a square metre of boundary without points costs against a cubic metre on the wrong side
+FEW = 0.1  # of a cell: with less of it seen only that counts
 PLACED = 2  # times that the planes are placed again by the faces they bound
 FULL = 0.5  # points per square spacing that back a facet fully
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlatForm(Value):
-    """mesh : closed, manifold; face_region is the plane (doubled, plus 1 for its other side) of each face.   planes : all that were tried."""
+    """mesh : closed, manifold; face_region is the plane (doubled, plus 1 for its other side) of each face.   planes : all that were tried.
+
+    seen_through_m3 : volume of the solid that sight lines pass through, where they labelled the cells.
+    """
 
     mesh: TriangleMesh
     planes: Planes
     n_cells: int
+    seen_through_m3: float = 0.0
 
 
 def planar(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> Reconstruction:
@@ -54,10 +62,14 @@ def planar(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> Reco
     return flattened(scan, visibility(scan, options), options.seed)
 
 
-def flattened(scan: Scan, first: Reconstruction, seed: int = 0) -> Reconstruction:
-    """The solid of flat faces that lies nearest to a first closed surface. Raises ReconstructionError where there is none."""
+def flattened(scan: Scan, first: Reconstruction, seed: int = 0, by_lines: bool = False) -> Reconstruction:
+    """The solid of flat faces that lies nearest to a first closed surface, or (by_lines) to what its points and their sight lines tell.
+
+    Raises ReconstructionError where there is none.
+    """
     cloud = scan.cloud
-    form = flat_form(cloud.points, first, seed)
+    sight = Sight.of(scan, first, seed) if by_lines else None
+    form = flat_form(cloud.points, first, seed, sight)
     facts: Mapping[str, float | str] = {
         **first.how,
         "method": "planar",
@@ -66,24 +78,39 @@ def flattened(scan: Scan, first: Reconstruction, seed: int = 0) -> Reconstructio
         "first_volume_m3": volume(first.mesh),
     }
     std = float(np.max(form.planes.std_m)) if len(form.planes) else 0.0
-    checks = gates_planar(scan, first, form.mesh, form.planes)
+    if by_lines:
+        measured = cloud.points if cloud.is_inferred is None else cloud.points[~cloud.is_inferred]
+        first = replace(first, carried=over_walls(form.mesh, measured, first.spacing_m))
+        facts = {**facts, "n_carried": len(first.carried)}
+    checks = gates_planar(scan, first, form.mesh, form.planes, form.seen_through_m3 if by_lines else None)
     return replace(first, mesh=form.mesh, checks=checks, how=facts, residual_m=std)
 
 
 def served(scan: Scan, first: Reconstruction, seed: int = 0) -> Reconstruction:
-    """Flat faces where planes explain the points and close; else the first surface, with the reason in `how`."""
-    try:
-        flat = flattened(scan, first, seed)
-    except ReconstructionError as error:
-        return replace(first, how={**first.how, "not_planar": str(error)})
-    against = failed(flat.checks)
-    if against:
-        return replace(first, how={**first.how, "not_planar": "; ".join(check.name for check in against)})
-    return flat
+    """Flat faces where planes explain the points and close; else the first surface, with the reason in `how`.
+
+    Where the first surface is refused and sensors are known, what is hidden has led it astray: then sight lines label the cells in its place.
+    """
+    by_lines = bool(failed(first.checks)) and first.source == "sensors"
+    why = ""
+    for lines in (False, True) if by_lines else (False,):
+        try:
+            flat = flattened(scan, first, seed, lines)
+        except ReconstructionError as error:
+            why = str(error)
+            continue
+        against = failed(flat.checks)
+        if not against:
+            return flat
+        why = "; ".join(check.name for check in against)
+    return replace(first, how={**first.how, "not_planar": why})
 
 
-def flat_form(points: FloatArray, first: Reconstruction, seed: int = 0) -> FlatForm:
-    """Planes, cells, labels, surface. points : (n, 3) raw, in the rows of `first`. Raises ReconstructionError where they do not close."""
+def flat_form(points: FloatArray, first: Reconstruction, seed: int = 0, sight: Sight | None = None) -> FlatForm:
+    """Planes, cells, labels, surface. points : (n, 3) raw, in the rows of `first`. Raises ReconstructionError where they do not close.
+
+    sight : labels the cells in place of the first surface.
+    """
     h, sigma = first.spacing_m, first.sigma_m
     known = first.thickness_m[np.isfinite(first.thickness_m)]
     wall = float(np.quantile(known, 0.25)) if len(known) else float("nan")
@@ -95,24 +122,28 @@ def flat_form(points: FloatArray, first: Reconstruction, seed: int = 0) -> FlatF
         ReconstructionError,
         f"the points would need {len(planes)} planes (4 to {MOST_PLANES}): they are no solid of flat faces",
     )
-    mesh, n_cells = _closed(points, planes, first, seed)
+    form = _closed(points, planes, first, seed, sight)
     is_blurred = sigma > EXACT and first.source != "ranges"  # a range camera's noise lies along its rays: faces are not blurred alike all round
     for _ in range(PLACED if is_blurred else 0):
-        planes = placed(points, first.normals, mesh, planes, sigma)
-        mesh, n_cells = _closed(points, planes, first, seed)
-    return FlatForm(mesh=mesh, planes=planes, n_cells=n_cells)
+        planes = placed(points, first.normals, form.mesh, planes, sigma)
+        form = _closed(points, planes, first, seed, sight)
+    return form
 
 
-def _closed(points: FloatArray, planes: Planes, first: Reconstruction, seed: int) -> tuple[TriangleMesh, int]:
-    """The solid between the planes, and the number of cells they cut. Raises ReconstructionError where it is no clean one."""
+def _closed(points: FloatArray, planes: Planes, first: Reconstruction, seed: int, sight: Sight | None) -> FlatForm:
+    """The solid between the planes. Raises ReconstructionError where it is no clean one."""
     h, sigma = first.spacing_m, first.sigma_m
     cells, count = arranged(points, planes, h, sigma)
-    mesh = flat_solid(cells, _inside(cells, count, first.mesh, h, seed), planes.normal)
+    full, empty, size = _told(cells, first.mesh, seed, sight)
+    scale = 1.0 if sight is None else _whole(full, empty, size)
+    inside = _cheapest(cells, count, scale * empty, scale * full, h)
+    mesh = flat_solid(cells, inside, planes.normal)
     topology = surface_topology(mesh)
     require(topology.is_clean, ReconstructionError, "the planes meet in edges or corners where the solid only touches itself")
     require(topology.n_components == 1, ReconstructionError, f"the planes enclose {topology.n_components} shells")
     require(not len(self_intersections(mesh)), ReconstructionError, "flat faces cross: their planes nearly coincide")
-    return mesh, cells.n_cells
+    through = 0.0 if sight is None else _seen_through(cells, inside, mesh, sight, seed)
+    return FlatForm(mesh=mesh, planes=planes, n_cells=cells.n_cells, seen_through_m3=through)
 
 
 def arranged(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: float) -> tuple[Cells, FloatArray]:
@@ -150,15 +181,33 @@ def arranged(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: floa
     return cells, count
 
 
-def _inside(cells: Cells, count: FloatArray, mesh: TriangleMesh, spacing_m: float, seed: int) -> BoolArray:
-    """The cheapest labelling: a cubic metre that the first surface has on the other side costs its volume; boundary costs where no points are."""
-    places, owner, share = _probes(cells, seed)
-    filled = np.bincount(owner, weights=share * (signed_distance(places, mesh) < 0), minlength=cells.n_cells)
-    size = np.bincount(owner, weights=share, minlength=cells.n_cells)
-    return _cheapest(cells, count, np.asarray(size - filled, float), np.asarray(filled, float), spacing_m)
+def _told(cells: Cells, mesh: TriangleMesh, seed: int, sight: Sight | None) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(c,) volume of each cell that is told to be inside, that is told to be outside, and all of it: by the first surface, or by sight lines."""
+    places, owner, share = _probes(cells, seed, PROBES if sight is None else PROBES_KNOWN)
+    if sight is None:
+        full = signed_distance(places, mesh) < 0
+        empty = ~full
+    else:
+        full, empty = sight.told(places)
+    one, other, size = (np.bincount(owner, weights=of, minlength=cells.n_cells) for of in (share * full, share * empty, share))
+    return np.asarray(one, float), np.asarray(other, float), np.asarray(size, float)
 
 
-def _probes(cells: Cells, seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _seen_through(cells: Cells, inside: BoolArray, mesh: TriangleMesh, sight: Sight, seed: int) -> float:
+    """Volume of the solid, but for a skin in which lines may graze its faces, that sight lines pass through, m^3."""
+    places, owner, share = _probes(cells, seed, PROBES_KNOWN)
+    within = np.flatnonzero(inside[owner])
+    within = within[signed_distance(places[within], mesh) < -sight.skin_m]
+    return float(share[within][sight.passes(places[within])].sum())
+
+
+def _whole(full: FloatArray, empty: FloatArray, size: FloatArray) -> FloatArray:
+    """(c,) what makes the told volume of each cell all of it: what was seen of it tells the rest; 1 where FEW places of it were seen."""
+    known = full + empty
+    return np.asarray(np.divide(size, known, out=np.ones(len(size)), where=known > FEW * size))
+
+
+def _probes(cells: Cells, seed: int, n_probes: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Random places in every cell, uniform in volume: the place, its cell, the volume it stands for. A cell is the tets over its facets."""
     rng = np.random.default_rng(seed)
     corner: list[list[int]] = [[] for _ in range(cells.n_cells)]
@@ -175,11 +224,11 @@ def _probes(cells: Cells, seed: int) -> tuple[FloatArray, FloatArray, FloatArray
         tri = cells.vertices[np.array(triangles[c])]
         sizes = np.abs(np.einsum("ij,ij->i", np.cross(tri[:, 0] - apex, tri[:, 1] - apex), tri[:, 2] - apex)) / 6.0
         total = float(sizes.sum())
-        chosen = rng.choice(len(tri), PROBES, p=sizes / total) if total > 0 else np.zeros(PROBES, np.int64)
-        weight = rng.dirichlet(np.ones(4), PROBES)
+        chosen = rng.choice(len(tri), n_probes, p=sizes / total) if total > 0 else np.zeros(n_probes, np.int64)
+        weight = rng.dirichlet(np.ones(4), n_probes)
         places.append(weight[:, :1] * apex + np.einsum("ik,ikj->ij", weight[:, 1:], tri[chosen]))
-        owner.append(np.full(PROBES, c))
-        share.append(np.full(PROBES, total / PROBES))
+        owner.append(np.full(n_probes, c))
+        share.append(np.full(n_probes, total / n_probes))
     return np.concatenate(places), np.concatenate(owner), np.concatenate(share)
 
 

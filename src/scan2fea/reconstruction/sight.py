@@ -1,0 +1,72 @@
+"""What is known of a place from points and their sight lines alone: empty, full, or nothing.
+
+A first surface closes over what is hidden and may be wrong there by as much as the hidden places are wide. Planes need no surface to label their
+cells: each is large, and a part of it was seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2fea.kernel.neighbors import k_nearest
+from scan2fea.kernel.noise import sampled_rows
+from scan2fea.reconstruction.visibility import Reconstruction
+from scan2fea.reconstruction.wall_ends import passed
+from scan2fea.types import BoolArray, FloatArray, Scan, Value
+
+NEAR = 3.0  # spacings from a measured point within which it tells the side
+BELOW = 0.5  # of the wall under a point: so deep it is full
+BESIDE = 0.25  # spacings from a sight line: empty
+SIGMAS = 3.0  # of the noise: how far a line may be off
+LINES = 20_000  # sight lines that are asked
+UNDER, OVER = 1.0, 0.25  # spacings aside of the nearest point, below and above it: in a corner the nearest one may be of another face
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sight(Value):
+    """points, normals : (n, 3) denoised, outward.   wall_m : (n,) under each.   origin, target : (k, 3) of sight lines.   spacing_m.
+
+    skin_m : how deep below a face a line that only grazes it may seem to pass.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    wall_m: FloatArray
+    origin: FloatArray
+    target: FloatArray
+    spacing_m: float
+    skin_m: float
+
+    @classmethod
+    def of(cls, scan: Scan, first: Reconstruction, seed: int = 0) -> Sight:
+        """The points of a first surface and the lines of the scan they come from; a wall is at least a spacing where none is known."""
+        sensors = scan.sensors()
+        known = np.flatnonzero(np.isfinite(sensors).all(axis=1))
+        known = known[sampled_rows(len(known), LINES, seed)]
+        return cls(
+            points=first.points,
+            normals=first.normals,
+            wall_m=np.where(np.isfinite(first.thickness_m), first.thickness_m, first.spacing_m),
+            origin=np.ascontiguousarray(sensors[known]),
+            target=np.ascontiguousarray(scan.cloud.points[known]),
+            spacing_m=first.spacing_m,
+            skin_m=BESIDE * first.spacing_m + SIGMAS * first.sigma_m,
+        )
+
+    def told(self, places: FloatArray) -> tuple[BoolArray, BoolArray]:
+        """(k,) which of (k, 3) places are full, and which are empty; those of which nothing is known are neither."""
+        distance, near = k_nearest(self.points, 1, places)
+        row, close = near[:, 0], distance[:, 0] <= NEAR * self.spacing_m
+        height = np.einsum("ij,ij->i", places - self.points[row], self.normals[row])
+        aside = np.sqrt(np.maximum(distance[:, 0] ** 2 - height**2, 0.0))
+        full = close & (aside <= UNDER * self.spacing_m) & (height < 0) & (-height <= BELOW * self.wall_m[row])
+        empty = close & (aside <= OVER * self.spacing_m) & (height > 0)
+        left = np.flatnonzero(~full & ~empty)
+        empty[left] = self.passes(places[left])
+        return np.asarray(full), np.asarray(empty)
+
+    def passes(self, places: FloatArray) -> BoolArray:
+        """(k,) places (k, 3) that a sight line passes."""
+        return np.asarray(passed(np.ascontiguousarray(places), self.origin, self.target, BESIDE * self.spacing_m))

@@ -1,0 +1,98 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from predicates import assert_closed_manifold_oriented, box, moved, rotation
+from scan2fea.kernel.distances import PointToMesh
+from scan2fea.kernel.measures import volume
+from scan2fea.kernel.rays import first_hits, scene_of
+from scan2fea.reconstruction import reconstruct, visibility
+from scan2fea.reconstruction.flat_gaps import REACH, flat_ends, hidden_volume_flat, over_walls
+from scan2fea.reconstruction.gates import failed
+from scan2fea.reconstruction.planar import flattened
+from scan2fea.reconstruction.sight import Sight
+from scan2fea.simulation.girder import girder_mesh
+from scanned import scan_of, scanned
+
+H = 0.009
+GIRDER = moved(girder_mesh(0.3, 0.2, 0.012, 0.018, 0.4, 0.012, 0.07, 1), rotation(2), np.array([1.0, 0.0, -2.0]))
+WAY = rotation(2)  # columns: the girder's x across the web, y from flange to flange, z along
+
+
+@pytest.fixture(scope="module")
+def shadowed():
+    """A girder of which one panel of the web, and what a look at it sees round about, lies in a shadow."""
+    scan, places, normals = scanned(GIRDER, H, seed=3)
+    middle = np.array([1.0, 0.0, -2.0]) + WAY @ [0.006, 0.0, 0.1]
+    look = WAY @ (np.array([0.7, 0.3, -0.5]) / np.linalg.norm([0.7, 0.3, -0.5]))
+    off = places - middle
+    off = np.linalg.norm(off - (off @ look)[:, None] * look, axis=1)
+    sees = (normals @ look > 0) & (first_hits(scene_of(GIRDER), places + 1e-9 * normals, np.tile(look, (len(places), 1)))[1] < 0)
+    gone = sees & (off < 0.13)
+    assert 0.06 < gone.mean() < 0.25
+    return scan_of(scan.cloud.points[~gone], scan.sensors()[~gone])
+
+
+def test_planes_and_sight_lines_carry_a_part_over_a_shadow_that_misleads_the_first_surface(shadowed):
+    first = visibility(shadowed)
+    assert failed(first.checks) and abs(volume(first.mesh) / volume(GIRDER) - 1) > 0.01
+    found = reconstruct(shadowed)
+    assert found.how["method"] == "planar", found.how
+    assert not failed(found.checks)
+    assert_closed_manifold_oriented(found.mesh)
+    assert volume(found.mesh) == pytest.approx(volume(GIRDER), rel=1e-6)
+    assert len(found.carried) == found.how["n_carried"] > 0  # told as inferred
+    assert PointToMesh(GIRDER).nearest(found.carried).distance.max() < 1e-6
+
+
+def test_where_nothing_is_hidden_sight_lines_say_what_the_first_surface_does():
+    scan, _, _ = scanned(GIRDER, H, seed=3)
+    first = visibility(scan)
+    one, other = (flattened(scan, first, 0, by_lines) for by_lines in (False, True))
+    assert volume(one.mesh) == pytest.approx(volume(GIRDER), rel=1e-9)
+    assert volume(other.mesh) == pytest.approx(volume(GIRDER), rel=1e-9)
+    assert not len(other.carried)
+
+
+def test_what_points_and_lines_tell_of_a_place():
+    slab = box((1.0, 0.8, 0.2))
+    scan, _, _ = scanned(slab, 0.04, seed=1)
+    first = visibility(scan)
+    sight = Sight.of(scan, first)
+    rng = np.random.default_rng(0)
+    inside = rng.uniform([0.1, 0.1, 0.0], [0.9, 0.7, 0.2], (500, 3))
+    outside = rng.uniform([0.1, 0.1, 0.21], [0.9, 0.7, 0.3], (500, 3))
+    full, empty = sight.told(inside)
+    assert full.mean() > 0.7 and empty.mean() < 0.01
+    full, empty = sight.told(outside)
+    assert empty.mean() > 0.3 and not full.any()
+    assert not np.any(sight.told(np.full((1, 3), 500.0)))  # of a far place nothing is known
+
+
+def test_a_gap_is_carried_over_where_the_other_face_of_the_wall_was_seen():
+    slab, h = replace(box((1.0, 0.8, 0.1)), face_region=np.arange(12) // 2), 0.02
+    _, points, normals = scanned(slab, h, seed=0)
+    hidden = (normals[:, 2] > 0.5) & (np.linalg.norm(points[:, :2] - [0.5, 0.4], axis=1) < 0.25)
+    assert hidden_volume_flat(slab, points[~hidden], h).value > 0.05
+    put = over_walls(slab, points[~hidden], h)
+    assert np.allclose(put[:, 2], 0.1) and (np.linalg.norm(put[:, :2] - [0.5, 0.4], axis=1) < 0.25).all()
+    assert hidden_volume_flat(slab, np.concatenate([points[~hidden], put]), h).value == 0.0
+    both = np.linalg.norm(points[:, :2] - [0.5, 0.4], axis=1) < 0.25
+    put = over_walls(slab, points[~both], h)  # gone on both faces: nothing within the border of either
+    assert hidden_volume_flat(slab, np.concatenate([points[~both], put]), h).value > 0.05
+    most = (normals[:, 2] > 0.5) & (points[:, 0] < 0.7)
+    put = over_walls(slab, points[~most], h)  # of a face less was measured than is missing
+    assert not np.isclose(put[:, 2], 0.1).any()
+
+
+def test_places_far_from_all_points_may_be_ends_that_nobody_saw():
+    slab, h = replace(box((1.0, 0.8, 0.1)), face_region=np.arange(12) // 2), 0.02
+    _, points, normals = scanned(slab, h, seed=0)
+    assert flat_ends(slab, points, h).value == 0.0
+    one = (normals[:, 2] > 0.5) & (points[:, 0] > 0.7)
+    assert flat_ends(slab, points[~one | (points[:, 2] < 0.05)], h * 2).value == 0.0  # the other face goes up to the edge
+    end = points[:, 0] > 0.8  # the end, and both faces beside it
+    deep = 0.2 - REACH * h
+    least = 2 * 0.8 * deep * np.hypot(0.8, deep) / np.pi / volume(slab)
+    assert 0.8 * least < flat_ends(slab, points[~end], h).value <= 1.0

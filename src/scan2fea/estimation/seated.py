@@ -3,8 +3,8 @@
 Only where the sides beside it come down to that plane. What is held above it on packers has a gap there, and points that lie nearer to the plane
 than its own noise reaches went to the plane, whichever they are of: so the gap is read from the number of points, of the object and of the
 plane together, that a side shows just above the plane, against as many as it shows farther up; what the plane itself shows so high is counted
-beside it. The gap must be none within three standard deviations, in every stretch of the member. How well it is known is how
-well the face is, for a smaller gap than that would not have been found.
+beside it. The gap must be none within two standard deviations, and within three in every stretch of the member and on either side. How well it
+is known is how well the face is, for a smaller gap than that would not have been found, nor one in which the plane's own points are too many.
 
 A face just above the plane that looks down on it was not seen either, whatever the fit makes of the place where the plane has cut the sides off.
 A channel on its toes and a tube look alike from outside: neither rests where nobody has looked into it.
@@ -31,12 +31,14 @@ from scan2fea.types import FloatArray, Footing, Member, Parameter, Value
 _PARALLEL = math.cos(math.radians(3.0))  # a face and the plane it rests on
 _BAND_SIGMAS, _BAND_SIZE = 4.0, 1e-3  # about a side: its points, exact ones too (of the section's size)
 _TAKEN = 3.0  # bands of the plane, up to which points of the object may have gone to it
-_LOWEST = 1.0  # sigma of the plane: lower, its own points are too many
+_LOWEST = (1.0, 2.0, 3.0)  # sigma of the plane, from where on points are counted: from the first where ...
+_FLOOR = 0.1  # ... its own are so few of those expected
 _LAYER, _ABOVE = 25, 50  # points of a side just above the plane at least, and farther up, where there is that much of it
 _MOST_OF_SIDE = 0.9  # beyond is the corner with the next face
 _SLICES, _SLICE_POINTS = 6, 25  # stretches along the member, and the points in the layer of one
-_AGREE = 3.0  # standard deviations
+_AGREE, _AGREE_WHOLE = 3.0, 2.0  # standard deviations, of a stretch or a side, and of them all
 _LOOKED_INTO = {"LEFT_OUTER": "LEFT_INNER", "RIGHT_OUTER": "RIGHT_INNER", "TOP_OUTER": "TOP_INNER", "BOTTOM_OUTER": "BOTTOM_INNER"}  # of a tube
+_ROUNDING = 1e-6  # of the section's size: exact points lie on either side
 _EVEN = 12**-0.5  # standard deviation of what is even over 1
 
 
@@ -142,59 +144,66 @@ def _gap(member: Member, plane: _Plane, face: Face, known: Collection[str]) -> f
     """
     loop = straight_faces(member)[0]
     i = [one.name for one in loop].index(face.name)
-    found = []
-    for side in (loop[i - 1], loop[(i + 1) % len(loop)]):
-        doubt = _down_to(member, plane, side, face) if side.name in known else None
-        if doubt is not None:
-            found.append(doubt)
+    sides = [_above(member, plane, side, face) for side in (loop[i - 1], loop[(i + 1) % len(loop)]) if side.name in known]
+    found = [side for side in sides if side is not None]
     if not found:
         return None
-    footing = plane.footing
-    return float(np.linalg.norm([min(found) if max(found) < math.inf else math.inf, footing.std_m, plane.slope_m(face)]))
+    gap, std, low = np.array(found).T
+    both = float((std**-2).sum() ** -0.5)
+    if (gap > _AGREE * std).any() or float((gap / std**2).sum()) * both**2 > _AGREE_WHOLE * both:
+        return math.inf
+    return float(np.linalg.norm([both, low.max() / math.sqrt(3), plane.footing.std_m, plane.slope_m(face)]))
 
 
-def _down_to(member: Member, plane: _Plane, side: Face, face: Face) -> float | None:
-    """How well (m, standard deviation) it is known that a side comes down to the plane; inf where it does not, None where it has too few points."""
+def _above(member: Member, plane: _Plane, side: Face, face: Face) -> tuple[float, float, float] | None:
+    """How far above the plane a side ends, its standard deviation, and the height from where on points were counted, m; None where they are too few.
+
+    inf where some stretch of the member ends above it.
+    """
     size = max(member.values()[name] for name in PARAMETERS[member.family])
     away = [abs(other.place - side.place) for loop in straight_faces(member) for other in loop if other.axis == side.axis]
     half = 0.5 * min((one for one in away if one > _BAND_SIZE * size), default=size)
     band = min(max(_BAND_SIGMAS * member.sigma_m, _BAND_SIZE * size), half)
     far = side.low if face.outward > 0 else side.high
     most = _MOST_OF_SIDE * abs(plane.place(face) - far)
-    low, taken = _LOWEST * plane.footing.sigma_m, _TAKEN * plane.footing.band_m
+    taken = _TAKEN * plane.footing.band_m
     both = np.concatenate([plane.own, plane.its])
     out = side.outward * (both[:, side.axis] - side.place)
     height = plane.height(both)
-    z = both[:, 2]
-    own = (np.abs(out) < band) & (height > low) & (height < most)
+    own = (np.abs(out) < band) & (height < most)
     above = np.sort(height[own & (height > taken)])
     if len(above) < _ABOVE + _LAYER or most < 2 * taken:
         return None
-    top = float(above[_LAYER]) + taken - float(above[0]) if above[0] > taken else taken
+    top = float(above[_LAYER]) + taken - float(above[0])
     n_above = int((above > top).sum())
     rho = n_above / (most - top)
-    floor = (out > band) & (out < 3 * band) & (height > low) & (height < top)  # as wide as the side's own band
-    inside = own & (height < top)
-    return _no_gap(z[inside], z[floor], rho * (top - low), rho, n_above, plane.length_m)
+    floor = (out > band) & (out < 3 * band)  # as wide as the side's own band
+    for low in (times * plane.footing.sigma_m for times in _LOWEST):
+        layer = (height > low + _ROUNDING * size) & (height < top)
+        expected = rho * (top - low)
+        if expected >= _LAYER and (floor & layer).sum() <= _FLOOR * expected:
+            off, std = _missing(both[own & layer, 2], both[floor & layer, 2], expected, n_above, plane.length_m)
+            return off / rho, std / rho, low
+    return None
 
 
-def _no_gap(z: FloatArray, floor_z: FloatArray, expected: float, rho: float, n_above: int, length_m: float) -> float | None:
-    """Standard deviation of a gap that is none; inf where there is one. z : (n,) of the points in the layer, floor_z of those beside it."""
-    if expected < _LAYER:
-        return None
+def _missing(z: FloatArray, floor_z: FloatArray, expected: float, n_above: int, length_m: float) -> tuple[float, float]:
+    """Points of the side that a layer lacks, and their standard deviation; inf where a stretch of the member lacks them.
+
+    z : (n,) of the points in the layer, floor_z of those beside it: of these half may lie in it, for the other half of it is under the member.
+    """
 
     def gap(n: int, n_floor: int, wanted: float) -> tuple[float, float]:
-        std = math.sqrt(max(n, wanted) + n_floor + wanted**2 / n_above)
-        return wanted - (n - n_floor), std
+        std = math.sqrt(max(n, wanted) + n_floor / 4 + (_EVEN * n_floor) ** 2 + wanted**2 / n_above)
+        return wanted - (n - n_floor / 2), std
 
     n_slices = int(np.clip(expected / _SLICE_POINTS, 1, _SLICES))
     at, floor_at = (np.clip((one / length_m * n_slices).astype(int), 0, n_slices - 1) for one in (z, floor_z))
     for k in range(n_slices):
         off, std = gap(int((at == k).sum()), int((floor_at == k).sum()), expected / n_slices)
         if off > _AGREE * std:
-            return math.inf
-    off, std = gap(len(z), len(floor_z), expected)
-    return math.inf if off > _AGREE * std else std / rho
+            return math.inf, std
+    return gap(len(z), len(floor_z), expected)
 
 
 def _told(points: FloatArray, member: Member, known: set[str], hidden: set[str], ends: dict[str, tuple[float, float]]) -> Member:

@@ -115,9 +115,11 @@ def estimate(
     strip = strip_beside(fit.member, strips) if fit.explains and not options.family else ""
     if strip:
         fit = replace(fit, explains=False, reason=strip)
-    member = seated(measured, fit.member, footings)
+    member = fit.member
     if inferred is not None:
         member = rested(member, scan.cloud.points[inferred], spacing(scan.cloud.points[~inferred]))
+    if member is fit.member:  # no face that its ring of points encloses
+        member = seated(measured, member, footings)
     told = fit.explanation
     face_m = face_error(told.pattern_m, told.p_value, fit.section.sigma_m) if fit.method == "density" else 0.0
     member = widened(member, scan.cloud, doubt, face_m)

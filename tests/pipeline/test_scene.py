@@ -68,7 +68,7 @@ def test_inferred_points_are_labelled_by_what_they_continue_and_are_no_evidence(
     assert (cloud.is_inferred == scene.is_filled).all() and scene.is_filled.sum() > 2000 and len(bare.scan.cloud) == n
     assert scene.spacing_m == bare.spacing_m  # measured points alone
     assert (scene.is_occluder[:n] & in_the_way).sum() > 0.9 * in_the_way.sum()
-    with_them, without = segment(scene, config.segmentation), segment(bare, config.segmentation)
+    with_them, without = (segment(each, config.segmentation, config.repair.small_part) for each in (scene, bare))
     assert (with_them.labels[:n] == without.labels).all() and with_them.kinds == without.kinds
     assert (with_them.labels[n:] == with_them.labels[scene.continues[n:]]).all()
     crate = with_them.labels[:n][in_the_way]

@@ -25,6 +25,7 @@ from scan2fea.pipeline.pose_doubt import doubt_of, smeared_by
 from scan2fea.pipeline.record import KEEP, RESULT, Say, key_of
 from scan2fea.pipeline.results import object_row
 from scan2fea.pipeline.scene import Scene
+from scan2fea.repair import faces_among
 from scan2fea.segmentation import Selection, contact_points, footings, strips_beside
 from scan2fea.types import PointCloud, Rays, Scan, Segments
 
@@ -44,7 +45,7 @@ def parts_of(scene: Scene, segments: Segments, chosen: Selection, config: Config
         rows = np.flatnonzero(segments.labels == label)
         own = scene.scan.cloud.take(rows)
         frame = int(own.frame[0])
-        mesh = meshes.get(frame)
+        mesh = None if frame not in meshes else faces_among(meshes[frame], segments.labels[scene.scan.cloud.frame == frame] == label)
         doubt, smeared = doubt_of(scene, rows), smeared_by(scene, own.frame)
         strips = strips_beside(own, seen, labelled, int(label)) if mesh is None else ()
         under = footings(own, seen, labelled, int(label)) if mesh is None else ()

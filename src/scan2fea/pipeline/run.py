@@ -63,7 +63,8 @@ def run(
         motion = record_motion(config.fusion, record, raws)
         scene = record("place", _placing(names, len(motion)), *raws, *motion, options=config.registration, n_in=len(raws), count=_n_points)
         scene = record("clean", clean, scene, options=config.filtering, n_in=_n_points(scene.value), count=_n_points)
-        found = record("segment", segment, scene, options=config.segmentation, n_in=_n_points(scene.value), count=lambda s: len(s.kinds))
+        small = {"small_part": config.repair.small_part}
+        found = record("segment", segment, scene, options=config.segmentation, extra=small, n_in=_n_points(scene.value), count=lambda s: len(s.kinds))
         segments = _edited(out, found, scene.value, resume)
         named_by = Tracked(segments, key_of(found.key, fingerprint(segments)))
         kinds = record("kinds", kinds_of, scene, named_by, options=config.segmentation, count=n_kinds).value

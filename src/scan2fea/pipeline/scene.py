@@ -15,6 +15,7 @@ from scan2fea.io import RawScan
 from scan2fea.kernel.noise import spacing
 from scan2fea.pipeline.sweeps import SweepPath, unrolled
 from scan2fea.registration import Link, RegistrationOptions, place, read_poses, read_trajectory
+from scan2fea.repair import bodies
 from scan2fea.segmentation import SegmentationOptions, segment_scene
 from scan2fea.types import BoolArray, FloatArray, IntArray, PointCloud, Scan, Segments, Trajectory, TriangleMesh, Value
 
@@ -175,11 +176,12 @@ def clean(scene: Scene, options: FilteringOptions) -> Scene:
     )
 
 
-def segment(scene: Scene, options: SegmentationOptions) -> Segments:
-    """One label per point; each input with faces is an object of its own. A point that nobody measured has the label of what it continues."""
+def segment(scene: Scene, options: SegmentationOptions, small_part: float) -> Segments:
+    """One label per point; each input with faces is an object of its own, or as many as it has closed shells that stand apart, of which none has less
+    than the share `small_part` of the largest one's area. A point that nobody measured has the label of what it continues.
+    """
     cloud = scene.scan.cloud
-    frames = [m.frame for m in scene.meshes]
-    from_mesh, filled = np.isin(cloud.frame, frames), scene.is_filled
+    from_mesh, filled = np.isin(cloud.frame, [m.frame for m in scene.meshes]), scene.is_filled
     labels = np.full(len(cloud), -1, np.int64)
     kinds: tuple[str, ...] = ()
     how: dict[str, object] = {}
@@ -188,9 +190,10 @@ def segment(scene: Scene, options: SegmentationOptions) -> Segments:
         labels[~(from_mesh | filled)], kinds, how = found.labels, found.kinds, dict(found.how)
         if scene.continues is not None:
             labels[filled] = labels[scene.continues[filled]]
-    for frame in frames:
-        labels[cloud.frame == frame] = len(kinds)
-        kinds = (*kinds, "object")
+    for given in scene.meshes:
+        body = bodies(given.mesh, small_part)
+        labels[cloud.frame == given.frame] = len(kinds) + body
+        kinds = (*kinds, *["object"] * (int(body.max(initial=0)) + 1))
     return Segments(labels=labels, kinds=kinds, how=how)
 
 

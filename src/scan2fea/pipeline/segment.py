@@ -50,7 +50,7 @@ def segment_files(inputs: Sequence[Path], out: Path, config: Config, picture: Pi
     motion = moved[0].value.trajectory if moved else None
     scene = place_all(tuple(raw.value for raw in raws), config.registration, names=[Path(raw.value.path).name for raw in raws], motion=motion)
     scene = clean(scene, config.filtering)
-    segments = segment(scene, config.segmentation)
+    segments = segment(scene, config.segmentation, config.repair.small_part)
     cloud = scene.scan.cloud
     kinds = kinds_of(scene, segments, config.segmentation)
     chosen = chosen_of(scene, segments, config.select, names_of(segments, kinds))

@@ -68,6 +68,7 @@ VALUES = [
             ),
         ),
     ),
+    types.Footing(normal=np.array([0.0, 0, 1]), offset_m=0.1, sigma_m=1e-3, std_m=1e-4, band_m=4e-3, points=np.eye(3)),
     types.Check(name="closed", value=True, limit=None, unit="", passed=True),
     types.Route(name="reconstruction", reason="déjà vu"),
     (1, 2.5, "x", None, True, [1, (2,)], {1: "a", "b": {}}, b"\x00\xff", np.float32(0.1), np.int64(7), Path("a") / "b"),

@@ -16,7 +16,8 @@ def test_two_boxes_that_overlap_become_one():
     one, other = box(), box()
     faces = np.concatenate([one.faces, other.faces + len(one.vertices)])
     both = TriangleMesh(vertices=np.concatenate([one.vertices, other.vertices + 0.5]), faces=faces)
-    found = new_boundary(both)
+    found, again = new_boundary(both), new_boundary(both)
+    assert np.array_equal(found.vertices, again.vertices) and np.array_equal(found.faces, again.faces)
     assert volume(found) == pytest.approx(1.875 * volume(one), rel=5e-3)  # 1 + 1 - 1/8
     assert PointToMesh(both).nearest(found.vertices).distance.max() <= 1.01 * ENVELOPE * extent(both.vertices)
 

@@ -13,8 +13,10 @@ ran, as text); brep also triangles (k, 3), face (k,) index of the STEP face of e
 
 from __future__ import annotations
 
+import ctypes
 import importlib.util
 import math
+import mmap
 import os
 import sys
 import tempfile
@@ -33,6 +35,7 @@ HXT, DELAUNAY = 10, 1  # Mesh.Algorithm3D
 # HXT took 50 s and more on surfaces with needles (an L-beam bisected down to 2 deg, a bracket with facetted holes), under a second on clean ones
 NEEDLE_DEG = 12.0
 NARROW_FACTOR = 2.5  # elements beside a narrow face may be so much longer than it is wide: smallest triangle angle about 20 deg
+_SAME = ctypes.CFUNCTYPE(ctypes.c_uint32, ctypes.c_void_p)(lambda _: 1)  # kept here: the library goes on calling it
 GROWTH = 0.4  # metres of edge per metre of distance
 
 
@@ -67,6 +70,8 @@ def _wild(job: dict[str, Any]) -> dict[str, Any]:
         return {"error": np.array("pytetwild has no PyfTetWildWrapper: install pytetwild again")}
     wrapper = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(wrapper)
+    if not _without_chance(Path(str(spec.origin)).name):
+        return {"error": np.array("fTetWild draws at random on this system, so that no run could be repeated")}
     none = np.zeros((0, 3)), np.zeros((0, 4), np.int32), np.zeros(0)
     optimise, as_it_is, edge, stop_energy, coarsen, threads, rounds, silent, quiet = True, False, 0.05, 10.0, False, 1, 80, 6, True
     nodes, tets = wrapper.tetrahedralize_mesh(
@@ -74,6 +79,34 @@ def _wild(job: dict[str, Any]) -> dict[str, Any]:
         silent, quiet, False, False, *none,
     )  # fmt: skip
     return {"nodes": nodes, "tets": tets[:, [1, 0, 2, 3]].astype(np.int64), "error": np.array("")}  # they come inside out
+
+
+def _without_chance(library: str) -> bool:
+    """Let a loaded library draw the same numbers in every process; False where the place is not found, as outside Linux.
+
+    fTetWild shuffles its faces with a generator that it seeds from std::random_device, and offers no seed. The library reaches that function by an
+    address in its own table, resolved when Python loads it; there it finds one that always gives the same number.
+    """
+    maps = Path("/proc/self/maps")
+    if not maps.exists():
+        return False
+    try:
+        drawn = ctypes.cast(ctypes.CDLL("libstdc++.so.6")["_ZNSt13random_device9_M_getvalEv"], ctypes.c_void_p).value
+    except (OSError, AttributeError):
+        return False
+    found = False
+    for line in maps.read_text().splitlines():
+        span, rights, *_, name = line.split()
+        if Path(name).name != library or rights[0] != "r" or "x" in rights:
+            continue
+        first, last = (int(x, 16) for x in span.split("-"))
+        words = np.ctypeslib.as_array((ctypes.c_uint64 * ((last - first) // 8)).from_address(first))
+        for place in first + 8 * np.flatnonzero(words == drawn):
+            page = int(place) & ~(mmap.PAGESIZE - 1)
+            ctypes.CDLL(None).mprotect(ctypes.c_void_p(page), ctypes.c_size_t(mmap.PAGESIZE), mmap.PROT_READ | mmap.PROT_WRITE)
+            ctypes.c_uint64.from_address(int(place)).value = ctypes.cast(_SAME, ctypes.c_void_p).value or 0
+            found = True
+    return found
 
 
 def _limit_memory(gib: float) -> None:

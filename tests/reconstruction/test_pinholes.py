@@ -6,7 +6,7 @@ from scan2fea.kernel.measures import volume
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction import visibility
 from scan2fea.simulation.shapes import bracket, chs
-from scanned import scanned
+from scanned import scan_of, scanned
 
 
 @pytest.mark.parametrize("seed", [0, 2])
@@ -24,3 +24,14 @@ def test_bores_of_two_spacings_stay(seed):
     truth = moved(bracket(0.14, 0.12, 0.012, 0.1, [("a", 0.08, 0.05, 0.016), ("b", 0.07, 0.05, 0.014)], 0.0002), rotation(seed), np.zeros(3))
     found = visibility(scanned(truth, 0.007, 0.0, seed=seed)[0])
     assert surface_topology(found.mesh).n_handles == 2
+
+
+@pytest.mark.parametrize("radius", [1.8, 2.2])
+def test_a_place_hidden_on_both_skins_is_no_hole_where_no_sight_line_passed(radius):
+    wall, spacing = 0.004, 0.002
+    truth = moved(chs(0.06, wall, 0.12, 0.0001), rotation(1), np.zeros(3))
+    scan, places, _ = scanned(truth, spacing, 0.0, seed=1)
+    middle = moved(chs(0.06, wall, 0.12, 0.0001), rotation(1), np.zeros(3)).vertices.mean(axis=0) + 0.028 * rotation(1)[:, 0]
+    seen = np.linalg.norm(places - middle, axis=1) > np.hypot(radius * spacing, wall / 2)
+    found = visibility(scan_of(scan.cloud.points[seen], scan.sensors()[seen]))
+    assert surface_topology(found.mesh).n_handles == 1

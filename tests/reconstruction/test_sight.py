@@ -11,8 +11,9 @@ from scan2fea.reconstruction import reconstruct, visibility
 from scan2fea.reconstruction.flat_gaps import REACH, flat_ends, hidden_volume_flat, over_walls
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.planar import flattened
-from scan2fea.reconstruction.sight import Sight
+from scan2fea.reconstruction.sight import Sight, blocked_lines
 from scan2fea.simulation.girder import girder_mesh
+from scan2fea.simulation.shapes import bracket
 from scanned import scan_of, scanned
 
 H = 0.009
@@ -96,3 +97,13 @@ def test_places_far_from_all_points_may_be_ends_that_nobody_saw():
     deep = 0.2 - REACH * h
     least = 2 * 0.8 * deep * np.hypot(0.8, deep) / np.pi / volume(slab)
     assert 0.8 * least < flat_ends(slab, points[~end], h).value <= 1.0
+
+
+@pytest.mark.parametrize(("is_open", "passed"), [(True, False), (False, True)])
+def test_lines_that_run_through_a_bore_tell_that_planes_have_closed_it(is_open, passed):
+    holes = [("a", 0.08, 0.05, 0.016), ("b", 0.07, 0.05, 0.014)] if is_open else []
+    truth, closed = (bracket(0.14, 0.12, 0.012, 0.1, own, 0.0005) for own in (holes, []))
+    scan = scanned(truth, 0.0084, 0.0012, seed=0)[0]
+    check = blocked_lines(scan, closed, 0.0084, 0.0012)
+    assert check.passed is passed
+    assert blocked_lines(scan, truth, 0.0084, 0.0012).passed

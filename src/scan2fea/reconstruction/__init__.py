@@ -15,6 +15,7 @@ from scan2fea.reconstruction.ball_pivoting import PivotOptions, ball_pivoting
 from scan2fea.reconstruction.open_sheet import open_sheet
 from scan2fea.reconstruction.planar import planar, served
 from scan2fea.reconstruction.poisson import poisson
+from scan2fea.reconstruction.rounded import served_smooth
 from scan2fea.reconstruction.scale_space import ScaleSpaceOptions, scale_space
 from scan2fea.reconstruction.thin import distinct, thinned
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, told_images, visibility
@@ -34,6 +35,7 @@ METHODS: Mapping[str, Callable[[Scan, VisibilityOptions], Reconstruction]] = {
 class ReconstructionOptions(ScaleSpaceOptions, FrontOptions, PivotOptions):
     method: str = option("visibility", "how the surface is found", choices=tuple(METHODS))
     flat: bool = option(True, "visibility: faces exactly flat and creases exactly sharp where planes explain all points")
+    smooth: bool = option(True, "visibility: faces bend between points where these show the part to be smooth at their spacing")
     max_points: int = option(150_000, "a denser scan of one object is thinned to this many of its points; checks still use all", minimum=100)
 
 
@@ -45,7 +47,10 @@ def reconstruct(scan: Scan, options: ReconstructionOptions = ReconstructionOptio
         # neighbours side by side in memory: half the time
         fewer = Scan(cloud=fewer.cloud.take(morton_order(fewer.cloud.points)), rays=fewer.rays)
     found = METHODS[options.method](fewer, options)
-    return served(fewer, found, options.seed) if options.flat and options.method == "visibility" else found
+    if options.method != "visibility":
+        return found
+    found = served(fewer, found, options.seed) if options.flat else found
+    return served_smooth(fewer, found) if options.smooth else found
 
 
 __all__ = [

@@ -17,8 +17,9 @@ BARE_FACES = "flat faces without points"
 EDGES_CUT = "edges between points"
 EDGES_GROWN = "edges in the noise"
 PLACE = "place of the planes"
+GAPS = "volume under gaps"
 MIXED = "noise past the middle of walls"
-SHARES = dict.fromkeys((HIDDEN_VOLUME, WALL_ENDS, BARE_FACES, EDGES_CUT, EDGES_GROWN, MIXED), 1.0)
+SHARES = dict.fromkeys((HIDDEN_VOLUME, WALL_ENDS, BARE_FACES, EDGES_CUT, EDGES_GROWN, GAPS, MIXED), 1.0)
 SHARES[PLACE] = 2.0  # a standard deviation counts twice
 
 

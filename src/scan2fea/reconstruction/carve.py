@@ -61,7 +61,7 @@ def carve(
     labels = cut(tetra, votes, spacing_m, extra, quality_weight)
     source = votes.source if extra is None else votes.source + extra
     resolved = resolve(tetra, labels.inside, votes.capacity, source, votes.sink, spacing_m)
-    resolved = without_pinholes(tetra, resolved, votes, source, spacing_m)
+    resolved = without_pinholes(tetra, resolved, votes, source, spacing_m, clean.normals if np.isfinite(sensors).any() else None)
     mesh, vertex_point = boundary(tetra, resolved.inside)
     return Carved(
         mesh=mesh,

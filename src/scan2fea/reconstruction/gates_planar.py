@@ -20,7 +20,8 @@ from scan2fea.reconstruction.gates import in_all
 from scan2fea.reconstruction.gates_surface import deviation, mean_curvature, stray
 from scan2fea.reconstruction.plane_growing import Planes, tolerance_m
 from scan2fea.reconstruction.rounds import on_rounds
-from scan2fea.reconstruction.visibility import Reconstruction
+from scan2fea.reconstruction.sight import blocked_lines
+from scan2fea.reconstruction.visibility import DARK_HOLES, Reconstruction
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, Scan, TriangleMesh
 
 UNEXPLAINED = 0.01  # of the points may lie on none of the flat faces
@@ -29,7 +30,7 @@ BENT = 0.01  # of the points may lie on faces that are bent
 BEND_CHANCE, BEND_NOISE = 1e-6, 0.3  # a quadric bends by more than chance, and by more than this share of the noise
 BEND_SPACING = 0.02
 CURED = frozenset(
-    {EDGES_GROWN, EDGES_CUT, VOLUME_IN_DOUBT, "deviation p95", "stray points", "unmeasured area", HIDDEN_VOLUME}
+    {EDGES_GROWN, EDGES_CUT, VOLUME_IN_DOUBT, "deviation p95", "stray points", "unmeasured area", HIDDEN_VOLUME, DARK_HOLES}
 )
 LEAST_POINTS, MANY = 10, 40  # of a face: to be tested whether it is bent, and to be tested alone
 UNCERTAIN = 0.02  # of the volume that the places of the planes leave open
@@ -84,7 +85,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, planes: 
         deviation(off, 2.5 * sigma + 0.125 * h),
         stray(measured, off, 3.0 * sigma + 0.5 * h),
         hidden_volume_flat(mesh, backed, h),
-        *((flat_ends(mesh, backed, h),) if by_lines else ()),
+        *((flat_ends(mesh, backed, h), blocked_lines(scan, mesh, h, sigma)) if by_lines else ()),
         bare_faces(mesh, cloud.points, scan.sensors(), h),
         empty_places(mesh, cloud.points),
     ]  # fmt: skip

@@ -2,10 +2,14 @@
 
 Outside tets too tight for a ball are gathered; a set of them that opens to the rest of the outside in two places or more is a channel. One that
 buries few points when it is filled has no wall of its own: nothing was measured in it. Such are filled, if the surface then has fewer handles. A bore
-that was scanned is wider, or keeps the points of its wall.
+that was scanned is wider, or keeps the points of its wall. Where both skins of a wall were hidden such a channel may be wider; then only what no
+sight line has crossed is filled, and one beside which other points lie stays, and is told: it may be a bore.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from scipy.sparse import coo_array
@@ -18,25 +22,70 @@ from scan2fea.reconstruction.singular import Resolved, boundary, resolve
 from scan2fea.types import BoolArray, FloatArray, IntArray
 
 TIGHT = 1.5  # spacings, circumradius of such tets; bores of 2 spacings' radius are told (`empty_places`)
+WIDE = 3.0  # spacings, the same of channels in the dark: as far from points a surface still counts as measured (`gates_surface.REACH_SPACINGS`)
+ON_SKIN = 0.5  # cosine of a point's normal with the wall's
+CROSSED = 0.5  # votes of sight lines across a facet of a tet: it was seen empty
 BURIED = 0.3  # of the points of a channel may come to lie inside: noise puts points into the wall
 
 
-def without_pinholes(tetra: Tetrahedralisation, found: Resolved, votes: Votes, source: FloatArray, spacing_m: float) -> Resolved:
-    """The labels with such channels filled; those that were given where there are none. votes, source : as for `resolve`."""
+def without_pinholes(
+    tetra: Tetrahedralisation, found: Resolved, votes: Votes, source: FloatArray, spacing_m: float, normals: FloatArray | None = None
+) -> Resolved:
+    """The labels with such channels filled; those that were given where there are none. n_dark: holes that stay though no sight line passed them.
+
+    votes, source : as for `resolve`.   normals : (n, 3) of the points, where sight lines are known; None: nothing is told to be dark.
+    """
+    found = _filled(tetra, found, votes, source, spacing_m, lambda inside: _channels(tetra, inside, TIGHT * spacing_m)[0])
+    if normals is None:
+        return found
+    dark = ~_crossed(tetra, votes.capacity)
+    found = _filled(tetra, found, votes, source, spacing_m, lambda inside: dark & _between_skins(tetra, inside, WIDE * spacing_m, normals))
+    without = _filled(tetra, found, votes, source, spacing_m, lambda inside: dark & _channels(tetra, inside, WIDE * spacing_m)[0])
+    return replace(found, n_dark=_handles(tetra, found.inside) - _handles(tetra, without.inside))
+
+
+def _filled(
+    tetra: Tetrahedralisation, found: Resolved, votes: Votes, source: FloatArray, spacing_m: float, chosen: Callable[[BoolArray], BoolArray]
+) -> Resolved:
+    """The labels with the tets that are chosen filled, if the surface then has fewer handles and no more parts."""
     handles = _handles(tetra, found.inside)
-    channel = _channels(tetra, found.inside, TIGHT * spacing_m) if handles else np.zeros(0, bool)
+    channel = chosen(found.inside) if handles else np.zeros(0, bool)
     if not channel.any():
         return found
     filled = resolve(tetra, found.inside | channel, votes.capacity, source, votes.sink, spacing_m)
     return filled if _handles(tetra, filled.inside) < handles and filled.n_parts == found.n_parts else found
 
 
+def _between_skins(tetra: Tetrahedralisation, inside: BoolArray, radius_m: float, normals: FloatArray) -> BoolArray:
+    """(m,) tets of channels whose points all lie on the two skins of one wall: of a bore that was scanned some lie on its own wall."""
+    chosen, part = _channels(tetra, inside, radius_m)
+    out = np.zeros(len(tetra), bool)
+    for number in np.unique(part[chosen]):
+        own = chosen & (part == number)
+        corner = np.unique(tetra.tets[own])
+        normal = normals[corner[corner < len(normals)]]
+        across = np.linalg.eigh(normal.T @ normal)[1][:, -1]
+        out |= own & bool((np.abs(normal @ across) >= ON_SKIN).all())
+    return out
+
+
+def _crossed(tetra: Tetrahedralisation, capacity: FloatArray) -> BoolArray:
+    """(m,) tets that sight lines enter or leave."""
+    lines = capacity.max(axis=1)
+    t, facet = np.nonzero(tetra.neighbors >= 0)
+    np.maximum.at(lines, tetra.neighbors[t, facet], capacity[t, facet])
+    return np.asarray(lines >= CROSSED)
+
+
 def _handles(tetra: Tetrahedralisation, inside: BoolArray) -> int:
     return surface_topology(boundary(tetra, inside)[0]).n_handles
 
 
-def _channels(tetra: Tetrahedralisation, inside: BoolArray, radius_m: float) -> BoolArray:
-    """(m,) outside tets of sets that no ball of `radius_m` enters, that open in two places or more, and that have no points of their own."""
+def _channels(tetra: Tetrahedralisation, inside: BoolArray, radius_m: float) -> tuple[BoolArray, IntArray]:
+    """(m,) outside tets of sets that no ball of `radius_m` enters, that open in two places or more, and that have no points of their own.
+
+    And (m,) the number of the set of each tet, -1: of none.
+    """
     is_tight = ~inside & ~tetra.is_box & (tetra.circumradius <= radius_m)
     rows = np.flatnonzero(is_tight)
     place = np.full(len(tetra), -1)
@@ -52,7 +101,9 @@ def _channels(tetra: Tetrahedralisation, inside: BoolArray, radius_m: float) -> 
     out = np.zeros(len(tetra), bool)
     is_channel = (n_open >= 2) & (_buried(tetra, inside, rows, part, n) <= BURIED)
     out[rows[is_channel[part]]] = True
-    return out
+    number = np.full(len(tetra), -1, np.int64)
+    number[rows] = part
+    return out, number
 
 
 def _openings(corners: IntArray, part: IntArray) -> IntArray:

@@ -10,15 +10,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scan2fea.kernel.measures import face_normals
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import sampled_rows
+from scan2fea.kernel.rays import first_hits, scene_of
+from scan2fea.reconstruction.evidence import at_most
 from scan2fea.reconstruction.visibility import Reconstruction
 from scan2fea.reconstruction.wall_ends import passed
-from scan2fea.types import BoolArray, FloatArray, Scan, Value
+from scan2fea.types import BoolArray, Check, FloatArray, Scan, TriangleMesh, Value
 
 NEAR = 3.0  # spacings from a measured point within which it tells the side
 BELOW = 0.5  # of the wall under a point: so deep it is full
 BESIDE = 0.25  # spacings from a sight line: empty
+BLOCKED = 0.005  # of the lines may end, or run, deeper in a solid than noise lets them: a normal one leaves 0.0013 beyond 3 sigma
 SIGMAS = 3.0  # of the noise: how far a line may be off
 LINES = 20_000  # sight lines that are asked
 UNDER, OVER = 1.0, 0.25  # spacings aside of the nearest point, below and above it: in a corner the nearest one may be of another face
@@ -70,3 +74,24 @@ class Sight(Value):
     def passes(self, places: FloatArray) -> BoolArray:
         """(k,) places (k, 3) that a sight line passes."""
         return np.asarray(passed(np.ascontiguousarray(places), self.origin, self.target, BESIDE * self.spacing_m))
+
+
+def blocked_lines(scan: Scan, mesh: TriangleMesh, spacing_m: float, sigma_m: float) -> Check:
+    """How many sight lines run through the solid before they end? Those of the wall of a bore do where planes have closed it.
+
+    Told by the depth below the face that a line meets first: the skin of `Sight` is left to noise and to faces that it grazes.
+    """
+    sensors = scan.sensors()
+    known = np.flatnonzero(np.isfinite(sensors).all(axis=1))
+    way = scan.cloud.points[known] - sensors[known]
+    length = np.linalg.norm(way, axis=1)
+    way = way / length[:, None]
+    scene, normals, hair = scene_of(mesh), face_normals(mesh), 1e-6 * spacing_m
+    near, face = first_hits(scene, sensors[known], way)
+    met = np.flatnonzero((face >= 0) & (near < length))
+    chord = first_hits(scene, sensors[known][met] + (near[met] + hair)[:, None] * way[met], way[met])[0]
+    chord = np.minimum(chord, length[met] - near[met])
+    depth = chord * np.abs(np.einsum("ij,ij->i", way[met], normals[face[met]]))
+    share = float(np.sum(depth > BESIDE * spacing_m + SIGMAS * sigma_m)) / max(1, len(known))
+    says = f"{share:.1%} of the sight lines run through the flat solid (limit {BLOCKED:.1%}): planes have closed what is open"
+    return at_most("sight lines blocked", share, BLOCKED, says)

@@ -29,7 +29,7 @@ ANY_FLIP, DIG = 0, 1
 class Resolved(Value):
     """inside : (m,) bool, manifold.   n_singular : vertices that were not.   n_rounds : until none was left.   n_parts : that are left.
 
-    n_dropped, n_filled : specks and voids that were relabelled.
+    n_dropped, n_filled : specks and voids that were relabelled.   n_dark : holes through walls that no sight line is known to pass (`pinholes`).
     """
 
     inside: BoolArray
@@ -38,6 +38,7 @@ class Resolved(Value):
     n_parts: int
     n_dropped: int
     n_filled: int
+    n_dark: int = 0
 
 
 def resolve(tetra: Tetrahedralisation, inside: BoolArray, capacity: FloatArray, source: FloatArray, sink: FloatArray, spacing_m: float) -> Resolved:

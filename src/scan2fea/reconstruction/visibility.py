@@ -29,6 +29,7 @@ from scan2fea.types import Check, FloatArray, PointCloud, Scan, TriangleMesh, Va
 
 LEAST_POINTS = 20
 KNOWN_SHARE = 0.5  # of the measured points must have a sensor for the sensors to lead
+DARK_HOLES = "holes that nobody saw"
 SAME_VOLUME = 0.01  # two answers that agree so well are one: what the sensors say against it stands
 
 
@@ -131,7 +132,7 @@ def _seen(cloud: PointCloud, options: VisibilityOptions, sensors: FloatArray, sp
         is_inferred=cloud.is_inferred,
         sensors=sensors,
     )
-    checks = gates_seen(evidence, carved.labels.held)
+    checks = (*gates_seen(evidence, carved.labels.held), *dark_holes(carved.resolved.n_dark))
     return _result(carved, spacing_m, sigma, "sensors", "known", checks, {"rays_blocked": blocked}), evidence
 
 
@@ -215,6 +216,12 @@ def one_part(n_parts: int) -> Check:
     """One object is one piece."""
     says = f"the points enclose {n_parts} separate parts: segment them into objects of their own, or scan what joins them"
     return Check(name="parts", value=float(n_parts), limit=1.0, unit="1", passed=n_parts == 1, says=says)
+
+
+def dark_holes(n_dark: int) -> tuple[Check, ...]:
+    """Each hole was seen through, or has a wall of its own."""
+    says = f"{n_dark} holes go through walls where no sight line passed and hardly a point lies: holes, or not scanned; scan there too"
+    return (Check(name=DARK_HOLES, value=float(n_dark), limit=0.0, unit="1", passed=False, says=says),) if n_dark else ()
 
 
 def _result(

@@ -163,17 +163,22 @@ def _flip(work: Work, drift: float, turn: float, *, flat: bool = False) -> None:
 
 
 def _crease_targets(work: Work, guide: Guide) -> tuple[IntArray, FloatArray]:
-    """Crease vertices and the middle of their two neighbours along the crease, put back onto the crease."""
+    """Crease vertices and the middle of their two neighbours along the crease, put back onto the crease; not where an edge would then cut a bend."""
     h = np.flatnonzero(work.sharp)
     a, b = work.origin[h], work.origin[h // 3 * 3 + (h + 1) % 3]
-    total = np.stack([np.bincount(a, weights=work.points[b, k], minlength=len(work.points)) for k in range(3)], axis=1)
-    count = np.bincount(a, minlength=len(work.points))
-    which = np.flatnonzero((work.kind == CREASE) & (count == 2))
+    which = np.flatnonzero((work.kind == CREASE) & (np.bincount(a, minlength=len(work.points)) == 2))
     if guide.creases is None or not len(which):
         return which[:0], np.zeros((0, 3))
-    middle = total[which] / 2
+    order = np.argsort(a, kind="stable")
+    first = np.searchsorted(a[order], which)
+    beside = work.points[b[order[np.stack([first, first + 1], axis=1)]]]  # (k, 2, 3)
     old = work.points[which]
-    return which, guide.creases.nearest(old + 0.5 * (middle - old)).closest
+    wanted = guide.creases.nearest(old + 0.5 * (beside.mean(1) - old)).closest
+    before, after = ((0.5 * (beside + place[:, None])).reshape(-1, 3) for place in (old, wanted))
+    strays = guide.creases.nearest(after).distance
+    cuts = (strays > guide.drift_m) & (strays > guide.creases.nearest(before).distance)
+    kept = ~cuts.reshape(-1, 2).any(1)
+    return which[kept], wanted[kept]
 
 
 def _free_targets(work: Work, guide: Guide) -> tuple[IntArray, FloatArray]:

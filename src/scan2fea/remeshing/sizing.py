@@ -1,4 +1,4 @@
-"""How long edges should be, vertex by vertex: short on tight curves and thin walls, long elsewhere, and few enough faces in all."""
+"""How long edges should be, vertex by vertex: short on tight curves, thin walls and narrow strips, long elsewhere, and few enough faces in all."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ import numpy as np
 from scan2fea.kernel.measures import face_areas, face_normals, vertex_normals
 from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.kernel.topology import EdgeTable, edge_table
+from scan2fea.remeshing.features import crease_bend, strip_width
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
 
 CHORD = 0.05  # of the edge: how far an edge may cut a curve short
 WALL_EDGES = 2.0  # of the thickness: longer edges leave flat tets in a wall
+STRIP_EDGES = 2.0  # of the width between two creases: longer edges leave triangles under 27 degrees between them
 GROWTH = 0.3  # of the distance: how fast the goal may change along the surface
 SMOOTHING = 3  # rounds over the normals before curvature is read from them
 FACE_AREA = 3**0.5 / 4  # of an equilateral triangle of edge 1
@@ -70,9 +72,9 @@ def graded(goal: FloatArray, mesh: TriangleMesh, edges: IntArray) -> FloatArray:
 
 
 def edge_goal(mesh: TriangleMesh, is_sharp: BoolArray, edge_m: float, finest_m: float, max_faces: int) -> FloatArray:
-    """(n,) metres: `edge_m` where the surface is flat and thick, down to `finest_m` where it bends or is thin; longer if faces would be too many."""
-    bend = curvature(mesh, is_sharp)
-    wall = WALL_EDGES * thickness(mesh)
+    """(n,) metres: `edge_m` where nothing is tight, down to `finest_m` where it bends, is thin or narrow; longer if faces would be too many."""
+    bend = np.maximum(curvature(mesh, is_sharp), crease_bend(mesh, is_sharp))
+    wall = np.minimum(WALL_EDGES * thickness(mesh), STRIP_EDGES * strip_width(mesh, is_sharp))
     edges = edge_table(mesh.faces).edges
     areas = face_areas(mesh)
     finest = finest_m

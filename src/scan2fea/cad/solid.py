@@ -28,7 +28,7 @@ from scan2fea.kernel.measures import extent, face_areas
 from scan2fea.kernel.measures import volume as enclosed_volume
 from scan2fea.kernel.neighbors import radius_components
 from scan2fea.kernel.noise import sampled_rows
-from scan2fea.kernel.surfaces import CONE, SPHERE, Surface, covariance
+from scan2fea.kernel.surfaces import CONE, PLANE, SPHERE, Surface, covariance
 from scan2fea.kernel.topology import edge_table, surface_topology
 from scan2fea.types import BoolArray, Brep, FloatArray, IntArray, TriangleMesh, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
@@ -245,12 +245,13 @@ def _fits(
     deep = near & inner[at.face]
     fits: list[Fit] = []
     is_whole = True
+    flat = [s.axis for s in patches.surfaces if s.kind == PLANE]
     for k, surface in enumerate(patches.surfaces):
         rows = np.flatnonzero((label == k) & deep)
         if len(rows) < FITTED:
             rows = np.flatnonzero(label == k)
         own = used[rows] if len(rows) >= LEAST_POINTS else nearest_points(stands, surface, scale.reach_m)
-        fit = simplest(surface, own, scale.size_m) if len(own) >= LEAST_POINTS else None
+        fit = simplest(surface, own, scale.size_m, flat) if len(own) >= LEAST_POINTS else None
         is_whole = is_whole and fit is not None
         fits.append(fit or _of_vertices(surface, mesh.vertices[np.unique(mesh.faces[patches.label == k])], scale))
     out, snaps = snapped(fits)

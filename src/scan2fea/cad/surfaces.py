@@ -18,6 +18,7 @@ from scan2fea.types import BoolArray, FloatArray, Value
 ALPHA = 0.01  # a true relation is refused once in a hundred
 CANDIDATE_RAD = float(np.radians(2.5))  # farther from parallel or square nobody would draw it so (reference recipe of issue 8)
 CLIP = 3.5  # standard deviations: a point farther off belongs to something else
+MIDDLE = float(np.cos(np.radians(45.0)))  # what looks the way of a round patch within this is its middle
 SIGMA_FLOOR = 1e-9  # of the size: noise of data without any
 
 
@@ -71,23 +72,53 @@ def fit_to_points(start: Surface, points: FloatArray, size_m: float) -> Fit | No
     return Fit(surface=surface, points=used, sigma_m=sigma, covariance=covariance(surface, used, sigma))
 
 
-def simplest(start: Surface, points: FloatArray, size_m: float) -> Fit | None:
-    """`fit_to_points`, or the plane through the points where these do not refuse it: the noise it leaves is within three standard deviations of a
-    variance of what the rounder surface leaves (an edge rounded by the reconstruction bends a narrow face; the points on it do not bend).
+def simplest(start: Surface, points: FloatArray, size_m: float, square_to: Sequence[FloatArray] = ()) -> Fit | None:
+    """`fit_to_points`, or a simpler surface where the points do not refuse it: the noise it leaves is within three standard deviations of a variance of
+    what the rounder surface leaves. A plane (an edge rounded by the reconstruction bends a narrow face; the points on it do not bend); for a ball a
+    cylinder along one of `square_to`, the normals of planes (of a short hole in a plate little is left between its rounded rims).
     """
     found = fit_to_points(start, points, size_m)
     if start.kind == PLANE:
         return found
-    normal = start.normals(points).mean(0)
-    length = float(np.linalg.norm(normal))
+    if start.kind == SPHERE and found is not None:
+        return _bored(found, points, size_m, square_to)
+    normal = start.normals(points)
+    mean = normal.mean(0)
+    length = float(np.linalg.norm(mean))
     if length < 0.5:
         return found  # turns by more than any plane
-    plane = fit_to_points(Surface(kind=PLANE, point=points.mean(0), axis=normal / length), points, size_m)
-    if plane is None or len(plane.points) < 0.9 * (len(points) if found is None else len(found.points)):
+    plane = fit_to_points(Surface(kind=PLANE, point=points.mean(0), axis=mean / length), points, size_m)
+    if plane is not None and len(plane.points) >= 0.9 * (len(points) if found is None else len(found.points)):
+        # where no radius comes out, the points bend too little for one
+        if found is None or plane.sigma_m**2 <= found.sigma_m**2 * (1 + 3 * np.sqrt(2 / len(found.points))):
+            return plane
+    return found if found is None else _flat_middle(found, points[normal @ mean > MIDDLE * length], len(points), size_m)
+
+
+def _bored(ball: Fit, points: FloatArray, size_m: float, square_to: Sequence[FloatArray]) -> Fit:
+    """The cylinder that leaves least noise in the points of a ball, where that is no more than the ball leaves; else the ball."""
+    surface, best = ball.surface, ball
+    most = ball.sigma_m**2 * (1 + 3 * np.sqrt(2 / len(ball.points)))
+    for axis in square_to:
+        start = replace(surface, kind=CYLINDER, axis=axis)
+        found = fit_to_points(start, points, size_m)
+        if found is not None and len(found.points) >= 0.9 * len(ball.points) and found.sigma_m**2 <= most:
+            best, most = found, found.sigma_m**2
+    return best
+
+
+def _flat_middle(found: Fit, middle: FloatArray, n: int, size_m: float) -> Fit:
+    """A plane through the middle of a round patch, where the points there refuse the round surface and most lie there: of a narrow face between two
+    creases the reconstruction leaves a half-round, whose sides belong to the faces beside it. Else what was found.
+    """
+    if len(middle) < max(0.5 * n, 2 * FREEDOMS[PLANE] + 1):
         return found
-    if found is None:  # the points bend so little that no radius comes out
-        return plane
-    return plane if plane.sigma_m**2 <= found.sigma_m**2 * (1 + 3 * np.sqrt(2 / len(found.points))) else found
+    normal = found.surface.normals(middle).mean(0)
+    plane = fit_to_points(Surface(kind=PLANE, point=middle.mean(0), axis=normal / np.linalg.norm(normal)), middle, size_m)
+    if plane is None or len(plane.points) < 0.9 * len(middle):
+        return found
+    left = float(np.mean(found.surface.distance(plane.points) ** 2))
+    return plane if plane.sigma_m**2 * (1 + 3 * np.sqrt(2 / len(plane.points))) < left else found
 
 
 def snapped(fits: Sequence[Fit]) -> tuple[list[Fit], list[Snap]]:

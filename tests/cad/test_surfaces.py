@@ -1,0 +1,82 @@
+"""Which surface the measured points of a patch are given: no rounder than they ask for."""
+
+import numpy as np
+import pytest
+
+from predicates import rotation
+from scan2fea.cad.surfaces import simplest
+from scan2fea.kernel.surfaces import CYLINDER, PLANE, SPHERE, Surface
+
+X, Y, Z = np.eye(3)
+NOISE = 4e-4
+
+
+def shaken(points, seed=0):
+    return points + NOISE * np.random.default_rng(seed).standard_normal(points.shape)
+
+
+def hole(radius, depth, n=90, seed=1):
+    """Points on the wall of a hole along z."""
+    rng = np.random.default_rng(seed)
+    angle, z = rng.uniform(0, 2 * np.pi, n), rng.uniform(-depth / 2, depth / 2, n)
+    return shaken(np.c_[radius * np.cos(angle), radius * np.sin(angle), z])
+
+
+def zone(radius, depth, n=90, seed=1):
+    """Points of a ball between two heights."""
+    rng = np.random.default_rng(seed)
+    angle, z = rng.uniform(0, 2 * np.pi, n), rng.uniform(-depth / 2, depth / 2, n)
+    across = np.sqrt(radius**2 - z**2)
+    return shaken(np.c_[across * np.cos(angle), across * np.sin(angle), z])
+
+
+def ball(radius):
+    return Surface(kind=SPHERE, point=np.zeros(3), axis=Z, radius=radius, sense=-1)
+
+
+@pytest.mark.parametrize("turn", [np.eye(3), rotation(4)])
+def test_a_short_hole_that_was_taken_for_a_ball_is_a_cylinder_square_to_its_plate(turn):
+    found = simplest(ball(7.2e-3), hole(7e-3, 6e-3) @ turn.T, 0.1, [turn @ X, turn @ Z])
+    assert found.surface.kind == CYLINDER
+    assert abs(found.surface.axis @ turn @ Z) > 0.99
+    assert found.surface.radius == pytest.approx(7e-3, abs=4 * NOISE / np.sqrt(90))
+    assert found.surface.sense == -1
+
+
+def test_a_ball_stays_one_beside_planes():
+    assert simplest(ball(7e-3), zone(7e-3, 1.2e-2), 0.1, [X, Z]).surface.kind == SPHERE
+
+
+def test_a_ball_without_planes_stays_one():
+    assert simplest(ball(7.2e-3), hole(7e-3, 6e-3), 0.1).surface.kind == SPHERE
+
+
+def rim(half, depth, n=600, seed=2):
+    """Points of a narrow face (along x, looking along z), and of its two sides down to a depth."""
+    rng = np.random.default_rng(seed)
+    s = rng.uniform(-half - depth, half + depth, n)
+    over = np.maximum(np.abs(s) - half, 0.0)
+    return shaken(np.c_[rng.uniform(0, 0.1, n), np.clip(s, -half, half), -over])
+
+
+def half_round(radius, n=600, seed=2):
+    rng = np.random.default_rng(seed)
+    angle = rng.uniform(-np.pi / 2, np.pi / 2, n)
+    return shaken(np.c_[rng.uniform(0, 0.1, n), radius * np.sin(angle), radius * (np.cos(angle) - 1)])
+
+
+def round_rim(radius):
+    return Surface(kind=CYLINDER, point=np.array([0, 0, -radius]), axis=X, radius=radius, sense=1)
+
+
+def test_a_narrow_face_that_was_rounded_to_a_half_round_is_a_plane():
+    found = simplest(round_rim(4.5e-3), rim(4e-3, 2e-3), 0.1)
+    assert found.surface.kind == PLANE
+    assert found.surface.axis @ Z > np.cos(np.radians(1.0))
+    assert abs(found.surface.distance(np.zeros((1, 3)))[0]) < 4 * NOISE / np.sqrt(300)
+
+
+def test_a_half_round_stays_round():
+    found = simplest(round_rim(4.5e-3), half_round(4e-3), 0.1)
+    assert found.surface.kind == CYLINDER
+    assert found.surface.radius == pytest.approx(4e-3, rel=0.02)

@@ -11,7 +11,7 @@ from scan2fea.kernel.measures import extent, face_areas
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.surfaces import PLANE, Surface
 from scan2fea.kernel.topology import edge_table, face_components
-from scan2fea.types import FloatArray, IntArray, TriangleMesh
+from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
 
 ALIKE = float(np.cos(np.radians(2.0)))  # planes turned by less are one where they lie together
 MEETS = 0.94  # cosine of normals: surfaces nearer to parallel do not meet in a crease
@@ -31,7 +31,7 @@ def without_roundings(mesh: TriangleMesh, patches: Patches, reach_m: float, know
         if not len(rows) or area[number] > 0.02 * near.areas.sum() or any(_same_plane(patches.surfaces[number], k, reach_m) for k in known):
             continue
         others = [k for k in np.unique(label[label >= 0]).tolist() if k != number]
-        if _is_rounding(near, patches.surfaces, rows, _beside(near, label, rows), others, reach_m):
+        if _is_rounding(near, patches.surfaces, rows, beside(near, label, rows), others, reach_m):
             label[rows] = -1
     kept = np.unique(label[label >= 0])
     packed = np.full(len(patches.surfaces) + 1, -1, np.int64)
@@ -44,7 +44,7 @@ def _same_plane(surface: Surface, known: Surface, reach: float) -> bool:
     return surface.kind == known.kind == PLANE and turned and abs(float(known.distance(surface.point[None])[0])) <= reach
 
 
-def _beside(near: Near, label: IntArray, rows: IntArray) -> list[int]:
+def beside(near: Near, label: IntArray, rows: IntArray) -> list[int]:
     """The surfaces next to some faces, or across free form from them."""
     inside = np.zeros(len(label), bool)
     inside[rows] = True
@@ -101,6 +101,16 @@ def _is_between(near: Near, rows: IntArray, beside: FloatArray) -> bool:
     if length < SMALL_TURN * near.areas[rows].sum():
         return True  # looks all ways
     return bool(nnls(beside.mean(1).T, own / length)[1] < BETWEEN)
+
+
+def inner_faces(mesh: TriangleMesh, label: IntArray) -> BoolArray:
+    """(m,) faces none of whose corners another region or free form shares."""
+    table = edge_table(mesh.faces)
+    border = label[table.twin // 3] != np.repeat(label, 3)
+    ends = table.edges[table.edge_of[border]]
+    on_border = np.zeros(len(mesh.vertices), bool)
+    on_border[ends.ravel()] = True
+    return np.asarray(~on_border[mesh.faces].any(1))
 
 
 def smooth_share(mesh: TriangleMesh, patches: Patches) -> float:

@@ -11,6 +11,7 @@ import numpy as np
 from scan2fea.cad.boxed import with_exact_box
 from scan2fea.cad.brep import OCC_RESOLUTION_M, CadOptions
 from scan2fea.cad.cells import cell_solid
+from scan2fea.cad.evidence import asked_for
 from scan2fea.cad.fillets import Fillet, fitted_fillets, renumbered, rounded, without_fillets
 from scan2fea.cad.live import is_valid, joined_triangles, moved_by, parts, surface_of, tessellated, volume_of
 from scan2fea.cad.naming import named_faces
@@ -18,7 +19,7 @@ from scan2fea.cad.patches import Patches, segmented
 from scan2fea.cad.readback import ReadBack, read_back
 from scan2fea.cad.resting import LEAST_POINTS, Resting, nearest_points, resting_planes
 from scan2fea.cad.revolved import turned_solid
-from scan2fea.cad.roundings import smooth_share, unexplained, widened, without_roundings
+from scan2fea.cad.roundings import inner_faces, smooth_share, unexplained, widened, without_roundings
 from scan2fea.cad.step_occ import named, step_of_solid
 from scan2fea.cad.surfaces import Fit, Snap, simplest, snapped
 from scan2fea.errors import CadError
@@ -29,8 +30,8 @@ from scan2fea.kernel.measures import volume as enclosed_volume
 from scan2fea.kernel.neighbors import radius_components
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.surfaces import CONE, PLANE, SPHERE, Surface, covariance
-from scan2fea.kernel.topology import edge_table, surface_topology
-from scan2fea.types import BoolArray, Brep, FloatArray, IntArray, TriangleMesh, Value
+from scan2fea.kernel.topology import surface_topology
+from scan2fea.types import Brep, FloatArray, IntArray, TriangleMesh, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 MAX_SURFACES = 120  # cells are cut by every surface with every other: more take minutes
@@ -150,10 +151,10 @@ def _candidates(mesh: TriangleMesh, near: tuple[FloatArray, IntArray], known: li
 
 def _candidate(mesh: TriangleMesh, near: tuple[FloatArray, IntArray], known: list[Surface], scale: _Scale, factor: float) -> _Candidate:
     found = segmented(mesh, factor * scale.tolerance_m, known)
-    patches = without_roundings(mesh, found, factor * scale.reach_m, known)
+    patches = asked_for(mesh, without_roundings(mesh, found, factor * scale.reach_m, known), *near)
     sharp, fillets = without_fillets(mesh, found, factor * scale.tolerance_m, *near, scale.tolerance_m)
     if fillets:
-        sharp, fillets = renumbered(without_roundings(mesh, sharp, factor * scale.reach_m, known), sharp, fillets)
+        sharp, fillets = renumbered(asked_for(mesh, without_roundings(mesh, sharp, factor * scale.reach_m, known), *near), sharp, fillets)
     return factor, patches, sharp if fillets else patches, fillets
 
 
@@ -238,7 +239,7 @@ def _fits(
     vertices of its patch have it; the last value tells whether there was none.
     """
     used = points[sampled_rows(len(points), FIT_POINTS, 0)]
-    inner = _inner(mesh, patches.label)
+    inner = inner_faces(mesh, patches.label)
     at = PointToMesh(mesh).nearest(used)
     near = at.distance <= 4 * scale.noise_m + 4 * scale.tolerance_m + scale.spacing_m
     label = np.where(near, patches.label[at.face], -1)
@@ -262,16 +263,6 @@ def _of_vertices(surface: Surface, vertices: FloatArray, scale: _Scale) -> Fit:
     """The surface of a patch as it was found."""
     sigma = max(scale.tolerance_m / 3, surface.rms_m)
     return Fit(surface=surface, points=vertices, sigma_m=sigma, covariance=covariance(surface, vertices, sigma))
-
-
-def _inner(mesh: TriangleMesh, label: IntArray) -> BoolArray:
-    """(m,) faces none of whose corners another region or free form shares."""
-    table = edge_table(mesh.faces)
-    border = label[table.twin // 3] != np.repeat(label, 3)
-    ends = table.edges[table.edge_of[border]]
-    on_border = np.zeros(len(mesh.vertices), bool)
-    on_border[ends.ravel()] = True
-    return np.asarray(~on_border[mesh.faces].any(1))
 
 
 def _in_mm(surface: Surface, middle: FloatArray) -> Surface:

@@ -73,9 +73,9 @@ def fit_to_points(start: Surface, points: FloatArray, size_m: float) -> Fit | No
 
 
 def simplest(start: Surface, points: FloatArray, size_m: float, square_to: Sequence[FloatArray] = ()) -> Fit | None:
-    """`fit_to_points`, or a simpler surface where the points do not refuse it: the noise it leaves is within three standard deviations of a variance of
-    what the rounder surface leaves. A plane (an edge rounded by the reconstruction bends a narrow face; the points on it do not bend); for a ball a
-    cylinder along one of `square_to`, the normals of planes (of a short hole in a plate little is left between its rounded rims).
+    """`fit_to_points`, or a simpler surface where the points do not refuse it: the noise it leaves is within three standard deviations of a variance
+    of what the rounder surface leaves. A plane (an edge rounded by the reconstruction bends a narrow face; the points on it do not bend); for a ball
+    a cylinder along one of `square_to`, the normals of planes (of a short hole in a plate little is left between its rounded rims).
     """
     found = fit_to_points(start, points, size_m)
     if start.kind == PLANE:
@@ -88,11 +88,12 @@ def simplest(start: Surface, points: FloatArray, size_m: float, square_to: Seque
     if length < 0.5:
         return found  # turns by more than any plane
     plane = fit_to_points(Surface(kind=PLANE, point=points.mean(0), axis=mean / length), points, size_m)
-    if plane is not None and len(plane.points) >= 0.9 * (len(points) if found is None else len(found.points)):
-        # where no radius comes out, the points bend too little for one
-        if found is None or plane.sigma_m**2 <= found.sigma_m**2 * (1 + 3 * np.sqrt(2 / len(found.points))):
-            return plane
-    return found if found is None else _flat_middle(found, points[normal @ mean > MIDDLE * length], len(points), size_m)
+    holds = plane is not None and len(plane.points) >= 0.9 * (len(points) if found is None else len(found.points))
+    if found is None:  # the points bend so little that no radius comes out
+        return plane if holds else None
+    if plane is not None and holds and plane.sigma_m**2 <= found.sigma_m**2 * (1 + 3 * np.sqrt(2 / len(found.points))):
+        return plane
+    return _flat_middle(found, points[normal @ mean > MIDDLE * length], len(points), size_m)
 
 
 def _bored(ball: Fit, points: FloatArray, size_m: float, square_to: Sequence[FloatArray]) -> Fit:

@@ -1,0 +1,151 @@
+"""Patches made to agree with the measured points: those that these do not ask for joined or given up, those that hold too few of them grown.
+
+The reconstruction rounds creases over a spacing, and what is left between two of them comes in pieces: two cylinders for one, a cylinder along a rim,
+a plane where a hole begins, an eighth of a hole and free form. The points are not rounded: a piece whose points all lie on its neighbours is none,
+and what lies on no neighbour is of the piece.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from scan2fea.cad.patches import GROW_COSINE, Near, Patches
+from scan2fea.cad.resting import LEAST_POINTS
+from scan2fea.cad.roundings import beside, inner_faces
+from scan2fea.cad.surfaces import CLIP, Fit, fit_to_points, simplest
+from scan2fea.kernel.measures import extent
+from scan2fea.kernel.surfaces import CYLINDER, PLANE, Surface
+from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
+
+ENOUGH = 30  # points from which a patch tells its own surface
+EXPLAINED = 0.95  # share of the points of a patch that lie on its neighbours: the rest is what a normal law clips, and chance
+WIDE = 0.02  # of the area: larger patches are believed
+
+
+def asked_for(mesh: TriangleMesh, patches: Patches, used: FloatArray, face: IntArray) -> Patches:
+    """The patches without those that the points do not ask for. used : (n, 3) measured.   face : (n,) the face of the mesh next to each."""
+    label = patches.label.copy()
+    size = extent(mesh.vertices)
+    fits = _fits(mesh, patches, used, face, size)
+    told = [f.sigma_m for f in fits if f is not None]
+    if not told:
+        return patches
+    noise = float(np.median(told))
+    surfaces = [s if f is None or f.sigma_m > 2 * noise else f.surface for s, f in zip(patches.surfaces, fits, strict=True)]
+    near = Near(mesh, 0)
+    out = list(patches.surfaces)
+    area = np.bincount(label[label >= 0], weights=near.areas[label >= 0], minlength=len(surfaces))
+    count = np.bincount(label[face] + 1, minlength=len(surfaces) + 1)[1:]
+    for number in np.argsort(count, kind="stable").tolist():
+        rows = np.flatnonzero(label == number)
+        if not count[number] or not len(rows) or area[number] > WIDE * near.areas.sum():
+            continue
+        names = [k for k in beside(near, label, rows) if count[k] > count[number] or (count[k] == count[number] and k > number)]
+        own = used[label[face] == number]
+        if not names:
+            continue
+        off = np.min([np.abs(surfaces[k].distance(own)) for k in names], axis=0)
+        if np.mean(off <= CLIP * noise) >= EXPLAINED:
+            label[rows] = -1
+            continue
+        other, joined = _joined(number, names, surfaces, used, label[face], noise, size)
+        if joined is not None:
+            label[rows], surfaces[other], out[other] = other, joined, joined
+    for number in np.flatnonzero((np.bincount(label[face] + 1, minlength=len(out) + 1)[1:] < ENOUGH) & (count > 0)).tolist():
+        grown = _regrown(near, number, label, surfaces, used, face, noise, size) if out[number].kind != PLANE and (label == number).any() else None
+        if grown is not None:
+            surfaces[number], label[grown[1]] = grown[0], number
+            out[number] = grown[0]
+    kept = np.unique(label[label >= 0])
+    packed = np.full(len(surfaces) + 1, -1, np.int64)
+    packed[kept] = np.arange(len(kept))
+    return Patches(label=packed[label], surfaces=tuple(out[k] for k in kept))
+
+
+def _fits(mesh: TriangleMesh, patches: Patches, used: FloatArray, face: IntArray, size_m: float) -> list[Fit | None]:
+    """Each patch by its points away from borders, None where they are few."""
+    inner = inner_faces(mesh, patches.label)[face]
+    flat = [s.axis for s in patches.surfaces if s.kind == PLANE]
+    label = patches.label[face]
+    out = []
+    for k, surface in enumerate(patches.surfaces):
+        rows = np.flatnonzero((label == k) & inner)
+        rows = rows if len(rows) >= ENOUGH else np.flatnonzero(label == k)
+        out.append(simplest(surface, used[rows], size_m, flat) if len(rows) >= ENOUGH else None)
+    return out
+
+
+def _joined(
+    number: int, names: Sequence[int], surfaces: Sequence[Surface], used: FloatArray, label: IntArray, noise: float, size_m: float
+) -> tuple[int, Surface | None]:
+    """The neighbour of the same round kind with which a patch is one surface, which leaves no more than the noise in the points of both; and that.
+
+    Points that lie on planes beside them say nothing of it.
+    """
+    kind = surfaces[number].kind
+    planes = [surfaces[k] for k in names if surfaces[k].kind == PLANE]
+    for other in names:
+        if kind == PLANE or surfaces[other].kind != kind:
+            continue
+        both = used[(label == number) | (label == other)]
+        off = np.min([np.abs(p.distance(both)) for p in planes], axis=0) if planes else np.full(len(both), np.inf)
+        both = both[off > CLIP * noise]
+        found = fit_to_points(surfaces[other], both, size_m) if len(both) >= ENOUGH else None
+        if found is None or len(found.points) < EXPLAINED * len(both):
+            continue
+        if found.sigma_m**2 <= noise**2 * (1 + 3 * np.sqrt(2 / len(found.points))):
+            return other, found.surface
+    return -1, None
+
+
+def _regrown(
+    near: Near, number: int, label: IntArray, surfaces: Sequence[Surface], used: FloatArray, face: IntArray, noise: float, size_m: float
+) -> tuple[Surface, IntArray] | None:
+    """A round patch with few points, of which the rest is free form, fitted to all points there that lie on no neighbour; and the faces of the free
+    form that are nearest to it. None where none of its kind, nor a cylinder square to a plane beside it, holds the points.
+    """
+    rows = np.flatnonzero(label == number)
+    names = beside(near, label, rows)
+    around = _with_free_form(near, label, rows)
+    own = used[around[face]]
+    off = np.min([np.abs(surfaces[k].distance(own)) for k in names], axis=0) if names else np.full(len(own), np.inf)
+    own = own[off > CLIP * noise]
+    if len(own) < LEAST_POINTS:
+        return None
+    square = [_around(surfaces[k].axis, own, surfaces[number]) for k in names if surfaces[k].kind == PLANE]
+    starts = [surfaces[number], *(s for s in square if s is not None)]
+    found = [f for s in starts if (f := fit_to_points(s, own, size_m)) is not None and len(f.points) >= 0.9 * len(own)]
+    best = min(found, key=lambda f: f.sigma_m, default=None)
+    if best is None or best.sigma_m > 2 * noise:
+        return None
+    free = np.flatnonzero(around & (label < 0))
+    own_off = np.abs(best.surface.distance(near.centres[free]))
+    other = np.min([np.abs(surfaces[k].distance(near.centres[free])) for k in names], axis=0) if names else np.full(len(free), np.inf)
+    facing = np.einsum("ij,ij->i", best.surface.normals(near.centres[free]), near.smooth[free]) > GROW_COSINE
+    return best.surface, free[facing & (own_off < other)]
+
+
+def _with_free_form(near: Near, label: IntArray, rows: IntArray) -> BoolArray:
+    """(m,) some faces and the free form that joins them."""
+    inside = np.zeros(len(label), bool)
+    inside[rows] = True
+    front = rows
+    while len(front):
+        front = near.ring(inside, front)
+        front = front[label[front] < 0]
+        inside[front] = True
+    return inside
+
+
+def _around(axis: FloatArray, points: FloatArray, like: Surface) -> Surface | None:
+    """The cylinder along an axis through points, by the circle of least squares of the squared radii; None where they lie in a line."""
+    start = replace(like, kind=CYLINDER, axis=axis, point=points.mean(0))
+    flat = (points - start.point) @ start.frame().T
+    matrix = np.column_stack([2 * flat, np.ones(len(flat))])
+    if np.linalg.matrix_rank(matrix) < 3:
+        return None
+    x, y, c = np.linalg.lstsq(matrix, (flat**2).sum(1), rcond=None)[0]
+    return replace(start, point=start.point + np.array([x, y]) @ start.frame(), radius=float(np.sqrt(max(c + x * x + y * y, 0.0))))

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from scan2fea.cad.live import direction, joined_triangles, key, parts, pnt, solid_of_faces, tessellated, unified, volume_of
+from scan2fea.cad.tangent import Limit
 from scan2fea.kernel.distances import signed_distance
 from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.kernel.surfaces import CYLINDER, PLANE, SPHERE, Surface
@@ -20,17 +21,25 @@ from scan2fea.types import FloatArray, TriangleMesh
 FULL_TURN = 2 * np.pi
 WHOLE = 1.7 * np.pi  # a cylinder seen over more than this much of its turn is drawn whole
 PROBES = 24  # chords through a cell, at whose middles it is asked whether they are inside
+ALIGNED = 1 - 1e-9  # cosine: a limit runs along a side of the face
 CELL_SHARE = 1e-7  # of the volume: smaller cells follow the majority of nothing and are dropped
 
 
-def cell_solid(surfaces: Sequence[Surface], patches: Sequence[FloatArray], margins_mm: Sequence[float], mesh_mm: TriangleMesh) -> Any | None:
+def cell_solid(
+    surfaces: Sequence[Surface],
+    patches: Sequence[FloatArray],
+    margins_mm: Sequence[float],
+    mesh_mm: TriangleMesh,
+    limits: Sequence[Sequence[Limit]] | None = None,
+) -> Any | None:
     """The solid bounded by the surfaces, or None where the cells do not make one.
 
     surfaces : in millimetres.   patches : (n, 3) points of the region each was fitted to.   margins_mm : how far each face is drawn beyond them.
+    limits : lines at which a face ends all the same, since another touches it there.
     """
-    every = zip(surfaces, patches, margins_mm, strict=True)
+    every = zip(surfaces, patches, margins_mm, limits or [()] * len(surfaces), strict=True)
     try:
-        drawn = [margin_face(s, p, m) for k, (s, p, m) in enumerate(every) if not _is_drawn(s, surfaces[:k])]
+        drawn = [margin_face(s, p, m, e) for k, (s, p, m, e) in enumerate(every) if not _is_drawn(s, surfaces[:k])]
     except Exception:  # noqa: BLE001 - Open Cascade raises types of its own for what it cannot draw: no solid then
         return None
     cells = cells_of(drawn)
@@ -58,25 +67,28 @@ def _cells(faces: Sequence[Any]) -> Any | None:
     return None if maker.HasErrors() else maker.Shape()
 
 
-def margin_face(surface: Surface, points: FloatArray, margin: float) -> Any:
-    """A face of the surface over the region of its points and `margin` beyond."""
+def margin_face(surface: Surface, points: FloatArray, margin: float, limits: Sequence[Limit] = ()) -> Any:
+    """A face of the surface over the region of its points and `margin` beyond, as far as its limits let it."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeFace
     from OCP.gp import gp_Ax3, gp_Cone, gp_Cylinder, gp_Pln, gp_Sphere
 
     if surface.kind == SPHERE:
         ball = gp_Sphere(gp_Ax3(pnt(surface.point), direction(np.array([0.0, 0.0, 1.0]))), surface.radius)
         return BRepBuilderAPI_MakeFace(ball, 0.0, FULL_TURN, -np.pi / 2, np.pi / 2).Face()
-    x = _across(surface, points)
+    x = limits[0].inward if limits and surface.kind == PLANE else _across(surface, points)
     frame = gp_Ax3(pnt(surface.point), direction(surface.axis), direction(x))
     u, v = (points - surface.point) @ x, (points - surface.point) @ np.cross(surface.axis, x)
     if surface.kind == PLANE:
-        return BRepBuilderAPI_MakeFace(gp_Pln(frame), u.min() - margin, u.max() + margin, v.min() - margin, v.max() + margin).Face()
+        wide = [float(u.min() - margin), float(u.max() + margin), float(v.min() - margin), float(v.max() + margin)]
+        return BRepBuilderAPI_MakeFace(gp_Pln(frame), *_ended(wide, surface, x, limits)).Face()
     h = (points - surface.point) @ surface.axis
     turn = np.arctan2(v, u)  # measured from the middle of the region: x points there
     reach = margin / max(surface.radius, margin)
     whole = np.ptp(turn) + 2 * reach > WHOLE
     low, high = (0.0, FULL_TURN) if whole else (float(turn.min() - reach), float(turn.max() + reach))
     bottom, top = float(h.min() - margin), float(h.max() + margin)
+    if surface.kind == CYLINDER and limits:
+        low, high = _arc(surface, x, float(turn.min() - reach), float(turn.max() + reach), limits)
     if surface.kind == CYLINDER:
         return BRepBuilderAPI_MakeFace(gp_Cylinder(frame, surface.radius), low, high, bottom, top).Face()
     apex = -surface.radius / np.tan(surface.second)  # height at which the cone ends
@@ -86,6 +98,28 @@ def margin_face(surface: Surface, points: FloatArray, margin: float) -> Any:
         top = min(top, apex)
     slant = np.cos(surface.second)
     return BRepBuilderAPI_MakeFace(gp_Cone(frame, surface.second, surface.radius), low, high, bottom / slant, top / slant).Face()
+
+
+def _ended(wide: list[float], surface: Surface, x: FloatArray, limits: Sequence[Limit]) -> list[float]:
+    """The rectangle of a plane (least and most along x, and square to it) cut off at the limits that run along one of its sides."""
+    out = list(wide)
+    for axis, side in ((0, x), (2, np.cross(surface.axis, x))):
+        for limit in limits:
+            along, at = float(limit.inward @ side), float((limit.at - surface.point) @ side)
+            if along > ALIGNED:
+                out[axis] = max(out[axis], at)
+            elif along < -ALIGNED:
+                out[axis + 1] = min(out[axis + 1], at)
+    return out
+
+
+def _arc(surface: Surface, x: FloatArray, low: float, high: float, limits: Sequence[Limit]) -> tuple[float, float]:
+    """The turn of a cylinder, from the middle x of its region, cut off at the limits."""
+    y = np.cross(surface.axis, x)
+    for limit in limits:
+        at = float(np.arctan2((limit.at - surface.point) @ y, (limit.at - surface.point) @ x))
+        low, high = (at, high) if at < 0 else (low, at)
+    return low, high
 
 
 def _is_drawn(surface: Surface, before: Sequence[Surface]) -> bool:

@@ -22,6 +22,7 @@ from scan2fea.cad.revolved import turned_solid
 from scan2fea.cad.roundings import inner_faces, smooth_share, unexplained, widened, without_roundings
 from scan2fea.cad.step_occ import named, step_of_solid
 from scan2fea.cad.surfaces import Fit, Snap, simplest, snapped
+from scan2fea.cad.tangent import touching
 from scan2fea.errors import CadError
 from scan2fea.kernel.coverage import STRAY_SPACINGS
 from scan2fea.kernel.distances import PointToMesh
@@ -187,6 +188,8 @@ def _built(
     regions = [local.vertices[rows] for rows in widened(mesh, patches, fits, scale.reach_m)]
     best, as_found = [_in_mm(s, middle) for s in fits], [_in_mm(s, middle) for s in patches.surfaces]
     mm = MILLIMETRES_PER_METRE
+    own = [local.vertices[np.unique(mesh.faces[patches.label == k])] for k in range(len(best))]
+    best, limits = touching(best, own, scale.tolerance_m * mm, scale.reach_m * mm)
     reason = ""
     if any(s.kind == SPHERE for s in best):  # heads that are no spheres come as rings of them, which cannot be cut with each other
         turned, reason = turned_solid(
@@ -206,10 +209,10 @@ def _built(
         fillets = fitted_fillets(fillets, fits, used, PointToMesh(mesh).nearest(used).face, scale.tolerance_m)
     beyond = [max((f.reach_m * mm for f in fillets if k in (f.first, f.second)), default=0.0) for k in range(len(best))]
     first = ""
-    for drawn in (best,) if fillets else (best, as_found):
+    for drawn, ends in ((best, limits),) if fillets else ((best, limits), (as_found, None)):
         for factor in MARGINS:
             margin = max(factor * (scale.reach_m + scale.tolerance_m) * mm, 0.01 * factor * scale.size_m * mm)
-            solid = cell_solid(drawn, regions, [margin + more for more in beyond], local)
+            solid = cell_solid(drawn, regions, [margin + more for more in beyond], local, ends)
             solid, problem = _with_fillets(solid, fillets, drawn, local)
             if problem == NO_FILLETS:  # wider faces meet in the same edges
                 return _none(f"{reason}{len(fillets)} {problem}")

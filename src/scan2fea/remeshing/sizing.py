@@ -71,10 +71,20 @@ def graded(goal: FloatArray, mesh: TriangleMesh, edges: IntArray) -> FloatArray:
     return goal
 
 
+def _of_planes(mesh: TriangleMesh) -> BoolArray:
+    """(e,) True for edges of planes: creases in free form begin and end anywhere, and say nothing of a detail's size."""
+    table = edge_table(mesh.faces)
+    out = np.zeros(len(table.edges), bool)
+    if mesh.face_region is not None:
+        out[table.edge_of[np.repeat(mesh.face_region >= 0, 3)]] = True
+    return out
+
+
 def edge_goal(mesh: TriangleMesh, is_sharp: BoolArray, edge_m: float, finest_m: float, max_faces: int) -> FloatArray:
     """(n,) metres: `edge_m` where nothing is tight, down to `finest_m` where it bends, is thin or narrow; longer if faces would be too many."""
-    bend = np.maximum(curvature(mesh, is_sharp), crease_bend(mesh, is_sharp))
-    wall = np.minimum(WALL_EDGES * thickness(mesh), STRIP_EDGES * strip_width(mesh, is_sharp))
+    is_border = is_sharp & _of_planes(mesh)
+    bend = np.maximum(curvature(mesh, is_sharp), crease_bend(mesh, is_border))
+    wall = np.minimum(WALL_EDGES * thickness(mesh), STRIP_EDGES * strip_width(mesh, is_border))
     edges = edge_table(mesh.faces).edges
     areas = face_areas(mesh)
     finest = finest_m

@@ -4,7 +4,8 @@
 2. A piece is cut where its section stops being there and another member passes: two beams in line on both sides of a column are two.
 3. Pieces that lie along each other, or go on in line with the same section, are one member: the flanges and the web of a haunched beam, a bar that
    an obstacle hides in part.
-4. What is left (ends, stiffeners, bolts, plates of a joint) goes to the member it lies on; what sticks out is an object of its own.
+4. What is left (ends, stiffeners, bolts) goes to the member it lies on; what sticks out, or lies flat on a member as a second body (`lying_on`), is
+   an object of its own.
 
 A cluster falls apart only if it is mostly made of members, and of two or more that are long, or of a girder and a brace: a table, a vessel on legs, a
 tee of two stubs stay whole.
@@ -12,34 +13,24 @@ tee of two stubs stay whole.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy import ndimage
 
-from scan2fea.kernel.near_tree import near_tree
 from scan2fea.kernel.neighbors import k_nearest, radius_components
-from scan2fea.kernel.noise import noise_sigma, spacing
-from scan2fea.kernel.normals import pca_normals
 from scan2fea.kernel.spanning_tree import tree_parts
-from scan2fea.kernel.voxels import voxel_mean
 from scan2fea.segmentation.extents import Extent, extent_of
 from scan2fea.segmentation.leaves import apart_from_leaves, leaves_of, share_of_surfaces
-from scan2fea.segmentation.sweeps import GAP, ONE_FACE, SLICE, across, directions, refined_axis, run_lengths, slice_profile
+from scan2fea.segmentation.lying_on import lying_on
+from scan2fea.segmentation.pieces import LEAST_PIECE, LINK, NORMAL_NEIGHBOURS, Thin, pieces, thinned
+from scan2fea.segmentation.sweeps import GAP, ONE_FACE, SLICE, across, run_lengths, slice_profile
 from scan2fea.segmentation.web_openings import with_openings
-from scan2fea.types import BoolArray, FloatArray, IntArray, Value
+from scan2fea.types import BoolArray, FloatArray, IntArray
 
 LONG = 6.0  # a member's length over the larger side of its section, for a cluster to fall apart because of it
 _BEAM = 3.0  # the same of a girder and its brace: below it EN 1992-1-1, 5.3.1 calls a beam, or a column, by another name
 _STUB = 2.5  # the same for what else becomes a member once it does
 _EXPLAINED = 0.6  # of the points must lie on long members
-_MOST = 40_000  # points that are looked at
 _LEAST = 300
-_NORMAL_NEIGHBOURS = 16
-_DISTINCT = 0.9994  # cosine of 2 degrees
-_NEARLY = 0.8  # of the longest run: of such directions the one of most points is taken
-_LEAST_PIECE = 3 * _NORMAL_NEIGHBOURS
-_LINK = 3.5  # spacings: neighbours on one surface (radius.link_radius)
 _ALONG = 0.5  # of its length that a piece lies along another to be one with it
 _IN_LINE = 0.97  # cosine of 14 degrees
 _OBLIQUE = 0.26  # cosine of 75 degrees
@@ -49,23 +40,13 @@ _EMPTY = 0.75  # of its usual share: less, and the section is not there
 _SHORT, _INSIDE = 0.25, 0.8  # a piece of less than a quarter of the length must lie within the other's box to be one with it
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Thin(Value):
-    """Points (n, 3) of even density h, their normals, and the point (m,) that stands for each given one."""
-
-    points: FloatArray
-    normals: FloatArray
-    h: float
-    of_point: IntArray
-
-
 def members(points: FloatArray, seed: int = 0, min_points: int = 100) -> IntArray:
     """(n,) labels from 0 of the members that one connected cluster (n, 3) is made of; all 0 where it is one object.
 
     What leaves hide is looked for without them, and found only where it is members, two or more: the noise of a thin beam looks like leaves, too.
     """
     whole = np.zeros(len(points), np.int64)
-    thin = _thinned(points, seed) if len(points) >= _LEAST else None
+    thin = thinned(points, seed) if len(points) >= _LEAST else None
     if thin is None:
         return whole
     labels = _of_surfaces(points, thin, min_points, seed)
@@ -75,19 +56,19 @@ def members(points: FloatArray, seed: int = 0, min_points: int = 100) -> IntArra
     found: list[int] = []
 
     def of_part(own: FloatArray) -> IntArray:
-        part = _thinned(own, seed)
+        part = thinned(own, seed)
         inside = np.zeros(len(own), np.int64) if part is None else _of_surfaces(own, part, min_points, seed)
         found.append(int(inside.max()) + 1)
         return inside
 
-    labels = apart_from_leaves(points, leaf[thin.of_point], _LINK * thin.h, min_points, of_part)
+    labels = apart_from_leaves(points, leaf[thin.of_point], LINK * thin.h, min_points, of_part)
     return labels if max(found, default=0) > 1 else whole
 
 
-def _of_surfaces(points: FloatArray, thin: _Thin, min_points: int, seed: int) -> IntArray:
+def _of_surfaces(points: FloatArray, thin: Thin, min_points: int, seed: int) -> IntArray:
     """`members` of points (n, 3) that lie on surfaces."""
     whole = np.zeros(len(points), np.int64)
-    piece, axes = _pieces(thin, seed)
+    piece, axes = pieces(thin, seed)
     piece = _given_back(thin, _shortened(thin, piece, axes))
     piece = _cut(thin, piece, axes)
     if len(np.unique(piece[piece >= 0])) < 2:
@@ -98,7 +79,10 @@ def _of_surfaces(points: FloatArray, thin: _Thin, min_points: int, seed: int) ->
         return whole
     member, extents = chosen
     filled = _filled(thin, _run_through(thin, member, extents), extents)
-    labels = with_openings(thin.points, filled, extents, thin.h, _LINK * thin.h)[thin.of_point]
+    labels = with_openings(thin.points, filled, extents, thin.h, LINK * thin.h)[thin.of_point]
+    own = np.unique(labels[filled[thin.of_point] < len(extents)])
+    lies = lying_on(points, thin.normals[thin.of_point], filled[thin.of_point], extents, thin.spacing, thin.sigma)
+    labels = _apart(points, labels, lies | ~np.isin(labels, own), LINK * thin.h, min_points)
     counts = np.bincount(labels)
     if (counts < min_points).any():
         large = counts >= min_points
@@ -109,67 +93,7 @@ def _of_surfaces(points: FloatArray, thin: _Thin, min_points: int, seed: int) ->
     return np.unique(labels, return_inverse=True)[1].astype(np.int64)
 
 
-def _thinned(points: FloatArray, seed: int) -> _Thin | None:
-    """Means of voxels as wide as the points lie apart, or twice their noise; wider where that leaves too many."""
-    tree = near_tree(points)
-    h, sigma = spacing(points, seed, tree), noise_sigma(points, seed=seed, tree=tree)
-    if not h > 0:
-        return None
-    edge = max(h, 2.0 * sigma) if np.isfinite(sigma) else h
-    cells = voxel_mean(points - points.min(axis=0), edge)
-    for _ in range(6):
-        if len(cells.mean) <= _MOST:
-            break
-        edge *= 1.05 * float(np.sqrt(len(cells.mean) / _MOST))
-        cells = voxel_mean(points - points.min(axis=0), edge)
-    if len(cells.mean) < _LEAST:
-        return None
-    xyz = cells.mean
-    return _Thin(points=xyz, normals=pca_normals(xyz, _NORMAL_NEIGHBOURS), h=spacing(xyz, seed), of_point=cells.cell_of_point)
-
-
-def _pieces(thin: _Thin, seed: int) -> tuple[IntArray, FloatArray]:
-    """Piece (n,) of each point, -1 none, and the axis (p, 3) of each. Twice: the axes of the first pieces are better directions than votes."""
-    axes = directions(thin.points, thin.normals, thin.h, seed)
-    piece, which = np.full(len(thin.points), -1, np.int64), axes
-    for _ in range(2):
-        if not len(axes):
-            break
-        runs = np.stack([run_lengths(thin.points, thin.normals, axis, thin.h) for axis in axes])
-        longest = runs.max(axis=0)
-        own = np.where(longest >= 2.0 * GAP * thin.h, (runs >= _NEARLY * longest).argmax(axis=0), -1)  # of axes that do as well the first
-        piece, which = _connected(thin, own, axes)
-        axes = _distinct(which, np.bincount(piece[piece >= 0], minlength=len(which)))
-    return piece, which
-
-
-def _connected(thin: _Thin, own: IntArray, axes: FloatArray) -> tuple[IntArray, FloatArray]:
-    piece = np.full(len(thin.points), -1, np.int64)
-    which: list[FloatArray] = []
-    for d in range(len(axes)):
-        rows = np.flatnonzero(own == d)
-        if not len(rows):
-            continue
-        part = radius_components(thin.points[rows], _LINK * thin.h)
-        for label in np.flatnonzero(np.bincount(part) >= _LEAST_PIECE):
-            mine = rows[part == label]
-            piece[mine] = len(which)
-            which.append(refined_axis(thin.points[mine], thin.normals[mine], axes[d]))
-    return piece, np.array(which).reshape(-1, 3)
-
-
-def _distinct(axes: FloatArray, weight: IntArray) -> FloatArray:
-    """The axes that differ by two degrees or more, those of most points first; at most 48."""
-    kept: list[FloatArray] = []
-    for i in np.argsort(-weight, kind="stable"):
-        if all(abs(float(axes[i] @ other)) < _DISTINCT for other in kept):
-            kept.append(axes[i])
-        if len(kept) == 48:
-            break
-    return np.array(kept).reshape(-1, 3)
-
-
-def _shortened(thin: _Thin, piece: IntArray, axes: FloatArray) -> IntArray:
+def _shortened(thin: Thin, piece: IntArray, axes: FloatArray) -> IntArray:
     """Pieces (n,) without the slices at their ends where their section is not there because another piece passes."""
     out = piece.copy()
     for p in range(len(axes)):
@@ -182,7 +106,7 @@ def _shortened(thin: _Thin, piece: IntArray, axes: FloatArray) -> IntArray:
     return out
 
 
-def _cut(thin: _Thin, piece: IntArray, axes: FloatArray) -> IntArray:
+def _cut(thin: Thin, piece: IntArray, axes: FloatArray) -> IntArray:
     """Pieces (n,) cut in two where their section is not there because another piece passes; the emptiest place of all first.
 
     What it leaves there goes to who runs through, so that the other has its section again and is not cut too.
@@ -207,7 +131,7 @@ def _cut(thin: _Thin, piece: IntArray, axes: FloatArray) -> IntArray:
     return piece
 
 
-def _empty_zones(thin: _Thin, rows: IntArray, piece: IntArray, axes: FloatArray, p: int) -> tuple[list[tuple[int, int]], IntArray, FloatArray]:
+def _empty_zones(thin: Thin, rows: IntArray, piece: IntArray, axes: FloatArray, p: int) -> tuple[list[tuple[int, int]], IntArray, FloatArray]:
     """First slice and end of each stretch where less than 75 % of the section of piece p shows and another passes; slice of each row, shares."""
     share, at = slice_profile(thin.points[rows], axes[p], thin.h)
     share = share / max(float(np.median(share)), 1e-12)
@@ -221,11 +145,11 @@ def _empty_zones(thin: _Thin, rows: IntArray, piece: IntArray, axes: FloatArray,
     return zones, at, share
 
 
-def _given_back(thin: _Thin, piece: IntArray) -> IntArray:
+def _given_back(thin: Thin, piece: IntArray) -> IntArray:
     """Pieces (n,) where what one was shortened by goes to a long one that runs through there."""
     long_ones: list[Extent] = []
     numbers = []
-    for p in np.flatnonzero(np.bincount(piece[piece >= 0]) >= _LEAST_PIECE):
+    for p in np.flatnonzero(np.bincount(piece[piece >= 0]) >= LEAST_PIECE):
         extent = extent_of(thin.points[piece == p], thin.normals[piece == p])
         if extent.length >= _STUB * extent.width:
             long_ones.append(extent)
@@ -236,7 +160,7 @@ def _given_back(thin: _Thin, piece: IntArray) -> IntArray:
     return np.where((piece < 0) & (through >= 0), np.array(numbers)[through], piece)
 
 
-def _passes(thin: _Thin, rows: IntArray, piece: IntArray, axes: FloatArray, p: int, gap: tuple[int, int]) -> bool:
+def _passes(thin: Thin, rows: IntArray, piece: IntArray, axes: FloatArray, p: int, gap: tuple[int, int]) -> bool:
     """Whether a piece of another direction goes through the section of piece p between two of its slices."""
     axis = axes[p]
     u, v = across(axis)
@@ -249,20 +173,20 @@ def _passes(thin: _Thin, rows: IntArray, piece: IntArray, axes: FloatArray, p: i
     box_low, box_high = own.min(axis=0) + thin.h, own.max(axis=0) - thin.h  # what only rests on it does not pass
     inside = beside[((flat >= box_low) & (flat <= box_high)).all(axis=1)]
     others, counts = np.unique(piece[inside], return_counts=True)
-    passing = [q for q, n in zip(others, counts, strict=True) if n >= _NORMAL_NEIGHBOURS and abs(float(axes[q] @ axis)) < _IN_LINE]
+    passing = [q for q, n in zip(others, counts, strict=True) if n >= NORMAL_NEIGHBOURS and abs(float(axes[q] @ axis)) < _IN_LINE]
     return any(_is_on_both_sides(thin, rows, beside[piece[beside] == q]) for q in passing)
 
 
-def _is_on_both_sides(thin: _Thin, rows: IntArray, others: IntArray) -> bool:
+def _is_on_both_sides(thin: Thin, rows: IntArray, others: IntArray) -> bool:
     """False where the piece (rows) is one plane sheet and the others lie on one side of it only: a brace that ends under a flange."""
     values, axes = np.linalg.eigh(thin.normals[rows].T @ thin.normals[rows] / len(rows))
     if values[1] >= ONE_FACE:
         return True
     height = (thin.points[others] - np.median(thin.points[rows], axis=0)) @ axes[:, 2]
-    return bool(min((height > thin.h).sum(), (height < -thin.h).sum()) >= _NORMAL_NEIGHBOURS / 2)
+    return bool(min((height > thin.h).sum(), (height < -thin.h).sum()) >= NORMAL_NEIGHBOURS / 2)
 
 
-def _joined(thin: _Thin, piece: IntArray) -> IntArray:
+def _joined(thin: Thin, piece: IntArray) -> IntArray:
     """Pieces that lie along each other become one, and pieces in line with the same section between which nothing passes; twice, as they grow."""
     for _ in range(2):
         used, packed = np.unique(piece[piece >= 0], return_inverse=True)
@@ -280,11 +204,11 @@ def _joined(thin: _Thin, piece: IntArray) -> IntArray:
     return piece
 
 
-def _side_by_side(thin: _Thin, group: IntArray, extents: list[Extent]) -> list[tuple[int, int]]:
+def _side_by_side(thin: Thin, group: IntArray, extents: list[Extent]) -> list[tuple[int, int]]:
     """Pairs of which the shorter lies along the other over half its length, or which go on in line."""
     border = _near_another(thin, group)
     distance, near = k_nearest(thin.points, 32, thin.points[border])
-    i, j = np.nonzero(distance <= _LINK * thin.h)
+    i, j = np.nonzero(distance <= LINK * thin.h)
     a, b = group[border[i]], group[near[i, j]]
     ok = (b >= 0) & (a != b)
     i, a, b = border[i[ok]], a[ok], b[ok]
@@ -302,7 +226,7 @@ def _side_by_side(thin: _Thin, group: IntArray, extents: list[Extent]) -> list[t
         one, other = extents[p], extents[q]
         is_along = one.length <= other.length and count * GAP * thin.h >= _ALONG * one.length
         if is_along and one.length < _SHORT * other.length:  # a stiffener is part of the member, a bracket on its face is not
-            is_along = bool(other.holds(thin.points[group == p], _LINK * thin.h, to_ends=True).mean() >= _INSIDE)
+            is_along = bool(other.holds(thin.points[group == p], LINK * thin.h, to_ends=True).mean() >= _INSIDE)
         if is_along:
             along[p] = max(along.get(p, (0, 0.0, 0)), (count, other.length, q))
         elif p < q and _in_line(one, other):
@@ -310,10 +234,10 @@ def _side_by_side(thin: _Thin, group: IntArray, extents: list[Extent]) -> list[t
     return edges + [(p, q) for p, (_, _, q) in along.items()]
 
 
-def _near_another(thin: _Thin, group: IntArray) -> IntArray:
+def _near_another(thin: Thin, group: IntArray) -> IntArray:
     """Rows of the points of a group that may have one of another within the reach of a link: all others have only their own in the cells around."""
     rows = np.flatnonzero(group >= 0)
-    cell = np.floor((thin.points[rows] - thin.points[rows].min(axis=0)) / (_LINK * thin.h)).astype(np.int64) + 1
+    cell = np.floor((thin.points[rows] - thin.points[rows].min(axis=0)) / (LINK * thin.h)).astype(np.int64) + 1
     shape = cell.max(axis=0) + 2
     if np.prod(shape.astype(float)) > _MOST_CELLS:
         return rows
@@ -332,7 +256,7 @@ def _in_line(one: Extent, other: Extent) -> bool:
     return is_alike and abs(float(one.axis @ other.axis)) >= _IN_LINE and gap <= 0.5 * max(one.width, other.width)
 
 
-def _members_of(thin: _Thin, group: IntArray) -> tuple[IntArray, list[Extent]] | None:
+def _members_of(thin: Thin, group: IntArray) -> tuple[IntArray, list[Extent]] | None:
     """Number (n,) of the member that each point lies on, -1 none, and the boxes; None where the cluster is not made of two long ones or more.
 
     Two that meet at a slant are two already at three times their width if one is a third wider than the other: a girder and its brace. Stubs that
@@ -342,7 +266,7 @@ def _members_of(thin: _Thin, group: IntArray) -> tuple[IntArray, list[Extent]] |
     extents: list[Extent] = []
     for g in range(int(group.max(initial=-1)) + 1):
         rows = np.flatnonzero(group == g)
-        if len(rows) < _LEAST_PIECE:
+        if len(rows) < LEAST_PIECE:
             continue
         extent = extent_of(thin.points[rows], thin.normals[rows])
         if extent.length < _STUB * extent.width:
@@ -365,7 +289,7 @@ def _members_of(thin: _Thin, group: IntArray) -> tuple[IntArray, list[Extent]] |
     return (out, extents) if is_made_of(slender >= LONG) or (braced.any() and is_made_of(beams)) else None
 
 
-def _run_through(thin: _Thin, member: IntArray, extents: list[Extent]) -> IntArray:
+def _run_through(thin: Thin, member: IntArray, extents: list[Extent]) -> IntArray:
     """Members (n,) where points at joints go to the one that runs through.
 
     A point in the box of a member and in a run of half its length is that member's; of several the one whose ends are farther away: the web of a
@@ -382,7 +306,17 @@ def _run_through(thin: _Thin, member: IntArray, extents: list[Extent]) -> IntArr
     return out
 
 
-def _filled(thin: _Thin, member: IntArray, extents: list[Extent]) -> IntArray:
+def _apart(points: FloatArray, labels: IntArray, free: BoolArray, reach: float, min_points: int) -> IntArray:
+    """Labels (n,) where each connected part of the free points (n,), of no fewer than `min_points`, is an object of its own."""
+    out, rows = labels.copy(), np.flatnonzero(free)
+    if len(rows):
+        part = radius_components(points[rows], reach)
+        for p in np.flatnonzero(np.bincount(part) >= min_points):
+            out[rows[part == p]] = int(out.max()) + 1
+    return out
+
+
+def _filled(thin: Thin, member: IntArray, extents: list[Extent]) -> IntArray:
     """Labels (n,) without gaps: what is left goes to the nearest member; a connected part that sticks out of all is an object of its own."""
     labels = member.copy()
     left = np.flatnonzero(member < 0)
@@ -392,7 +326,7 @@ def _filled(thin: _Thin, member: IntArray, extents: list[Extent]) -> IntArray:
     labels[left] = member[on[k_nearest(thin.points[on], 1, thin.points[left])[1][:, 0]]]
     out = left[~np.any([extent.holds(thin.points[left], thin.h, to_ends=True) for extent in extents], axis=0)]
     if len(out):
-        part = radius_components(thin.points[out], _LINK * thin.h)
-        for p in np.flatnonzero(np.bincount(part) >= _LEAST_PIECE):
+        part = radius_components(thin.points[out], LINK * thin.h)
+        for p in np.flatnonzero(np.bincount(part) >= LEAST_PIECE):
             labels[out[part == p]] = int(labels.max()) + 1
     return labels

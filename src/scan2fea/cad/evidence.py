@@ -22,7 +22,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
 
 ENOUGH = 30  # points from which a patch tells its own surface
 EXPLAINED = 0.95  # share of the points of a patch that lie on its neighbours: the rest is what a normal law clips, and chance
-WIDE = 0.02  # of the area: larger patches are believed
+WIDE = 0.02  # of the area: larger patches are no rounded creases
 
 
 def asked_for(mesh: TriangleMesh, patches: Patches, used: FloatArray, face: IntArray) -> Patches:
@@ -41,14 +41,14 @@ def asked_for(mesh: TriangleMesh, patches: Patches, used: FloatArray, face: IntA
     count = np.bincount(label[face] + 1, minlength=len(surfaces) + 1)[1:]
     for number in np.argsort(count, kind="stable").tolist():
         rows = np.flatnonzero(label == number)
-        if not count[number] or not len(rows) or area[number] > WIDE * near.areas.sum():
+        if not count[number] or not len(rows):
             continue
         names = [k for k in beside(near, label, rows) if count[k] > count[number] or (count[k] == count[number] and k > number)]
         own = used[label[face] == number]
         if not names:
             continue
-        off = np.min([np.abs(surfaces[k].distance(own)) for k in names], axis=0)
-        if np.mean(off <= CLIP * noise) >= EXPLAINED:
+        is_wide = area[number] > WIDE * near.areas.sum()
+        if not is_wide and np.mean(_off([surfaces[k] for k in names], own) <= CLIP * noise) >= EXPLAINED:
             label[rows] = -1
             continue
         other, joined = _joined(number, names, surfaces, used, label[face], noise, size)
@@ -90,12 +90,10 @@ def _joined(
     for other in names:
         if kind == PLANE or surfaces[other].kind != kind:
             continue
-        both = used[(label == number) | (label == other)]
-        off = np.min([np.abs(p.distance(both)) for p in planes], axis=0) if planes else np.full(len(both), np.inf)
-        both = both[off > CLIP * noise]
-        found = fit_to_points(surfaces[other], both, size_m) if len(both) >= ENOUGH else None
-        if found is None or len(found.points) < EXPLAINED * len(both):
-            continue
+        own, their = (p[_off(planes, p) > CLIP * noise] for p in (used[label == number], used[label == other]))
+        found = fit_to_points(surfaces[other], np.concatenate([own, their]), size_m) if len(own) + len(their) >= ENOUGH else None
+        if found is None or any(np.mean(found.surface.distance(p) ** 2 <= (CLIP * noise) ** 2) < EXPLAINED for p in (own, their) if len(p)):
+            continue  # of a large and a small one a fit alone would clip the small
         if found.sigma_m**2 <= noise**2 * (1 + 3 * np.sqrt(2 / len(found.points))):
             return other, found.surface
     return -1, None
@@ -111,8 +109,7 @@ def _regrown(
     names = beside(near, label, rows)
     around = _with_free_form(near, label, rows)
     own = used[around[face]]
-    off = np.min([np.abs(surfaces[k].distance(own)) for k in names], axis=0) if names else np.full(len(own), np.inf)
-    own = own[off > CLIP * noise]
+    own = own[_off([surfaces[k] for k in names], own) > CLIP * noise]
     if len(own) < LEAST_POINTS:
         return None
     square = [_around(surfaces[k].axis, own, surfaces[number]) for k in names if surfaces[k].kind == PLANE]
@@ -123,9 +120,14 @@ def _regrown(
         return None
     free = np.flatnonzero(around & (label < 0))
     own_off = np.abs(best.surface.distance(near.centres[free]))
-    other = np.min([np.abs(surfaces[k].distance(near.centres[free])) for k in names], axis=0) if names else np.full(len(free), np.inf)
+    other = _off([surfaces[k] for k in names], near.centres[free])
     facing = np.einsum("ij,ij->i", best.surface.normals(near.centres[free]), near.smooth[free]) > GROW_COSINE
     return best.surface, free[facing & (own_off < other)]
+
+
+def _off(surfaces: Sequence[Surface], points: FloatArray) -> FloatArray:
+    """(n,) distance of each point to the nearest of some surfaces, infinite without any."""
+    return np.min([np.abs(s.distance(points)) for s in surfaces], axis=0) if surfaces else np.full(len(points), np.inf)
 
 
 def _with_free_form(near: Near, label: IntArray, rows: IntArray) -> BoolArray:

@@ -85,7 +85,8 @@ def grooved_block(rng: Rng) -> Drawn:
     x, y, z = rng.uniform(0.1, 0.18), rng.uniform(0.07, 0.11), rng.uniform(0.06, 0.09)
     c = 0.12 * z
     block = _prism([(-y / 2, 0), (y / 2, 0), (y / 2, z - c), (y / 2 - c, z), (-y / 2 + c, z), (-y / 2, z - c)], 0, x)
-    slot = [_box(-0.1 * y, 0.5 * z, -x, 0.2 * y, z, 3 * x), _box(-0.22 * y, 0.5 * z, -x, 0.44 * y, 0.2 * z, 3 * x)]
+    neck, head = _box(-0.1 * y, 0.5 * z, -x, 0.2 * y, z, 3 * x), _box(-0.22 * y, 0.5 * z, -x, 0.44 * y, 0.2 * z, 3 * x)
+    slot = [tag for _, tag in gmsh.model.occ.fuse([(3, neck)], [(3, head)])[0]]  # two tools would leave the floor in three faces
     return _cut([block], [*slot, _rod((-y, 0.25 * z, 0.5 * x), (2 * y, 0, 0), 0.12 * z)]), 0.2 * z
 
 

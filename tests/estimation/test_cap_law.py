@@ -73,7 +73,7 @@ def test_walls_wider_than_the_noise_tell_whether_the_ends_were_scanned(caps):
         for end in (found.low, found.high):
             assert end.cap_points == pytest.approx(expected if caps else 0.0, rel=0.3)
         z.append((found.length_m - 1.8) / found.std_m)
-        assert found.std_m < 1.3e-3  # area over perimeter is 5.7 mm
+        assert found.std_m < 1.4e-3  # area over perimeter is 5.7 mm; how far the noise reaches along the axis is not known beforehand
     assert np.abs(z).max() < 3.5
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from scan2fea.estimation.end_faces import n_not_flat
+from scan2fea.estimation.end_faces import SQUARE, cut_askew, n_not_flat
+from scan2fea.estimation.ends import End, Ends
 from scan2fea.estimation.member import fit_member
 from scan2fea.kernel.distances import sample_surface
 from scan2fea.simulation import parts
@@ -54,3 +55,27 @@ def test_a_short_tube_seen_whole_is_one():
     points = points + 0.0007 * np.random.default_rng(1).standard_normal(points.shape)
     found = fit_member(Scan(cloud=PointCloud.of(points)))
     assert found.explains and found.member.inside == "hollow"
+
+
+@pytest.mark.parametrize(
+    "slope, std, cap, told", [(0.05, 0.002, 0, True), (SQUARE + 0.005, 0.002, 0, False), (0.05, 0.02, 0, False), (0.05, 0.002, 40, False)]
+)
+def test_sides_that_stop_askew_where_no_end_face_was_seen(slope, std, cap, told):
+    def end(tilt):
+        plane = {"slope": np.array([0.0, tilt]), "slope_std": np.full(2, std), "pivot": np.zeros(2)}
+        return End(position_m=0.0, std_m=1e-4, cap_points=cap, excess=1.0, **plane)
+
+    for low, high in ((slope, 0.0), (0.0, -slope)):
+        found = cut_askew(Ends(low=end(low), high=end(high), length_m=1.0, std_m=1e-4), "rect")
+        assert bool(found) == told and ("degrees off square" in found) == told
+
+
+def test_half_a_bar_cut_askew_by_the_scan_tells_no_length():
+    """Cut by a plane 17 degrees off square: the half had been a bar of its own, half as long."""
+    points, _ = sample_surface(parts.box(0.16, 0.083, 0.066).mesh, 14_000, 1)
+    points = points + 5e-4 * np.random.default_rng(1).standard_normal(points.shape)
+    whole = fit_member(Scan(cloud=PointCloud.of(points)))
+    half = fit_member(Scan(cloud=PointCloud.of(points[(points - points.mean(0)) @ [np.cos(0.3), np.sin(0.3), 0] < 0])))
+    assert "length" not in whole.why and "cut off" in half.why["length"]
+    assert {p.name: p.observable for p in whole.member.parameters}["length"]
+    assert not {p.name: p.observable for p in half.member.parameters}["length"]

@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from scan2fea.estimation.cap_law import Across
 from scan2fea.estimation.ends import find_ends, rough_ends
 from scan2fea.simulation.member import MemberScanOptions, member_points
 
@@ -77,3 +78,32 @@ def test_an_end_with_a_hidden_stretch_and_few_points_is_still_an_end():
         points = np.c_[rng.uniform(-0.05, 0.05, (len(z), 2)), z]
         found = find_ends(points, 1e-5, (0.0, 3.0), RATIO)
         assert np.isfinite([found.length_m, found.std_m, found.low.std_m]).all() and 2.6 < found.length_m < 3.1
+
+
+@pytest.mark.parametrize("along, caps", [(0.1, False), (0.1, True), (1.0, False), (2.0, False)])
+def test_ends_that_are_sharper_or_wider_than_the_noise_across_are_told_so(along, caps):
+    """A scanner's noise acts along its rays: sharp ends had been found 10 of their standard deviations within the member."""
+    sigma, off = 0.01, []
+    for seed in range(8):
+        exact = member_points("L", L, 10_000, MemberScanOptions(seed=seed, caps=caps))
+        points = exact + np.random.default_rng([seed, 1]).normal(0, 1, exact.shape) * sigma * np.array([1, 1, along])
+        found = find_ends(points, sigma, rough_ends(points[:, 2]), RATIO)
+        off.append((found.length_m - L["length"]) / found.std_m)
+    assert np.abs(off).max() < 4.5 and np.sqrt(np.mean(np.square(off))) < 2
+
+
+def test_what_is_seen_through_an_open_end_is_no_cap():
+    """The inner face of a tube, some way in, lies within the section as a cap does, but not in one plane."""
+    rng, n, reach, sigma = np.random.default_rng(2), 8_000, 0.015, 0.0006
+    z = np.concatenate([rng.uniform(0, 1.7, n), rng.uniform(0, reach, 150), 1.7 - rng.uniform(0, reach, 150)])
+    radius = np.where(np.arange(len(z)) < n, 0.084, 0.075)
+    angle = rng.uniform(0, 2 * np.pi, len(z))
+    points = np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=1) + sigma * rng.standard_normal((len(z), 3))
+
+    def look(xy):  # the wall is not known: all that lies inside may be a cap
+        r = np.hypot(*xy.T)
+        side = np.exp(-0.5 * ((r - 0.084) / sigma) ** 2) / (2 * np.pi * 0.084 * sigma * np.sqrt(2 * np.pi))
+        return Across(side=side + 1e-30, cap=np.where(r < 0.084, 1 / (np.pi * 0.084**2), 1e-30), stray=np.full(len(r), 1 / 0.17**2))
+
+    found = find_ends(points, sigma, rough_ends(z), 0.042, look, vague=True)
+    assert abs(found.length_m - 1.7) < 4 * found.std_m < 0.004

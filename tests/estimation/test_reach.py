@@ -148,6 +148,17 @@ def test_a_direction_in_which_no_face_was_seen_is_not_told() -> None:
     assert reach(narrow, member) is not None
 
 
+@pytest.mark.parametrize("slope, told", [(0.0, True), (0.006, False)])
+def test_a_cut_that_runs_askew_along_the_member_tells_nothing(slope, told) -> None:
+    """A box cut by a plane 0.6 degrees off one of its faces had been a box 40 % smaller, with that face seen by nobody."""
+    member, points, _ = scanned("rect", 2e-4)
+    local = points @ ASKEW  # the hidden face lies at x = b / 2 of the true member
+    keep = local[:, 0] < 0.03 + slope * (local[:, 2] - 0.5)
+    shifted = replace(member, parameters=tuple(replace(p, value_m=0.08) if p.name == "b" else p for p in member.parameters))
+    at = rigid(ASKEW, ASKEW @ np.array([-0.01, 0.0, 0.0]))
+    assert (reach(points[keep], replace(shifted, T_world_member=at)) is not None) == told
+
+
 def test_nothing_is_missing_or_only_one_neighbour_was_seen() -> None:
     member, points, _ = scanned("C", 2e-4)
     assert reach(points, replace(member, seen=dict.fromkeys(member.seen, 1.0))) is None

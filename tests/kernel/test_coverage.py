@@ -68,6 +68,14 @@ def test_deviation_gives_the_noise_back(sigma):
     assert np.nanstd(found.per_vertex_m) < sigma
 
 
+def test_strays_are_the_farthest_points():
+    points = scanned(BOX, sigma=0.001)
+    strays = np.random.default_rng(4).uniform(1.2, 2.0, (2_000, 3))
+    found = deviation(BOX, np.concatenate([points, strays]), 0.018, 0.001, strays=2_000 / 22_000)
+    assert found.own_p95_m == pytest.approx(deviation(BOX, points, 0.018, 0.001).p95_m, rel=0.02)
+    assert found.p95_m > 0.2  # all points: what is told does not hide them
+
+
 def test_signed_mean_shows_a_shift_and_vertices_without_points_are_nan():
     points = scanned(BOX, keep=lambda p: p[:, 2] < 0.5)
     grown = 0.5 + (points - 0.5) * 1.02

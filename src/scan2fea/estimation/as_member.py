@@ -162,6 +162,14 @@ def with_length_std(member: Member, std_m: float) -> Member:
     return dataclasses.replace(member, covariance=covariance, parameters=(*member.parameters[:at], dataclasses.replace(p, std_m=std_m)))
 
 
+def without_length(member: Member) -> Member:
+    """The member whose length is not observable."""
+    covariance = np.array(member.covariance)
+    covariance[-1, :] = covariance[:, -1] = 0.0
+    length = dataclasses.replace(member.parameters[-1], std_m=None, observable=False)
+    return dataclasses.replace(member, covariance=covariance, parameters=(*member.parameters[:-1], length))
+
+
 def blind_plate(fit: SectionFit, name: str) -> bool:
     """A sheet thinner than two sigma may have been seen from one side only: what looks like its thickness may be the law of the noise."""
     return fit.family == "rect" and fit.value(name) < RESOLVED * fit.sigma_m if name in fit.names else False

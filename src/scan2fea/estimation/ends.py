@@ -15,7 +15,7 @@ is not square is e = e0 + g . (x, y), taken where BIC prefers it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,6 +36,9 @@ _ZOOMS = 12
 _CLUTTER = 0.5  # clutter along the axis is at most this dense against the member: else a chance gap inside it would pass for its end
 _BODY_POINTS = 4_000  # from between the ends, asked how many of them lie as a cap's would
 _CLOSE = 5.0  # noise widths from an edge within which a cap's points lie
+_OTHER_NOISE = (2.0, 0.5, 0.25, 0.125)  # along the axis, of that across it
+_TOLD = 2.0  # log units by which that across it is likelier beforehand
+_BESIDE_POINTS = 50  # next to these, asked likewise how many of them lie as a cap's would
 _PATCH_POINTS = 15
 
 Look = Callable[[FloatArray], Across]  # (n, 2) across the axis -> densities there of points of the sides, of a cap and of strays
@@ -210,6 +213,7 @@ def _side(points: FloatArray, rough: tuple[float, float], sigma_m: float, cap_ra
     if len(z) < 8:
         return _Side(fits=(_unknown(rough[0], 0.05 * span, 1.0, rough),) * len(caps), slope=none, slope_std=none, pivot=pivot, excess=excess)
     reach = max(_WINDOW * s, _WINDOW_POINTS / density)
+    s, open_m = _noise_along(z, s, _square(z, s, reach, rough[0], caps[:2]), caps[:2])
     fits = _square(z, s, reach, rough[0], caps)
     slope, slope_std = none, none
     for _ in range(2):  # the second time from points slid along the plane, whose edge is sharp
@@ -223,9 +227,33 @@ def _side(points: FloatArray, rough: tuple[float, float], sigma_m: float, cap_ra
         body = points[inside, :2]
         like_caps = share_like_caps(look(body[:: max(1, len(body) // _BODY_POINTS)]))
         level = z - (xy - pivot) @ slope
-        close = (level > min(fit.edge for fit in fits) - _CLOSE * s) & (level < max(fit.edge for fit in fits) + _CLOSE * s)
+        low, high = min(fit.edge for fit in fits) - _CLOSE * s, max(fit.edge for fit in fits) + _CLOSE * s
+        close = (level > low) & (level < high)
+        beside = (level > high) & (level < high + max(high - low, _BESIDE_POINTS / density))
+        if beside.sum() >= _BESIDE_POINTS / 2:  # what is seen through an open end is no cap either
+            like_caps = max(like_caps, share_like_caps(look(xy[beside])))
         fits = _seen_across(fits, level[close], s, look(xy[close]).with_like_caps(like_caps))
+    fits = tuple(replace(fit, std=math.hypot(fit.std, open_m)) for fit in fits)
     return _Side(fits=fits, slope=slope, slope_std=slope_std, pivot=pivot, excess=excess)
+
+
+def _noise_along(z: FloatArray, s: float, fits: Sequence[_Fit], caps: list[float]) -> tuple[float, float]:
+    """The noise along the axis: s, that across it, or what the points near the end say; and how far off the edge may be for it (m).
+
+    A scanner's noise acts along its rays, which mostly cross a member: its ends are then sharper than its faces. A sharp edge that is taken for
+    blurred by s comes out a third of s within itself (-log Phi(e / s) = 1).
+    """
+    window = max(fits, key=lambda fit: fit.log_likelihood).window
+    own = z[(z > window[0]) & (z < window[1])]
+    if len(own) < 8:
+        return s, 0.0
+    tried = np.array([1.0, *_OTHER_NOISE])
+    found = [_posterior(own, window, k * s, caps) for k in tried]
+    level = np.array([[fit.log_likelihood for fit in fits] for fits in found]) + (np.log(tried) + _TOLD * (tried == 1))[:, None]
+    best, cap = np.unravel_index(int(np.argmax(level)), level.shape)  # which cap it is, others decide
+    share = np.exp(level[:, cap] - level[best, cap])
+    away = np.array([fits[cap].edge - found[best][cap].edge for fits in found])
+    return float(tried[best]) * s, math.sqrt(float(share @ away**2 / share.sum()))
 
 
 def _unknown(edge: float, std: float, rho: float, window: tuple[float, float]) -> _Fit:

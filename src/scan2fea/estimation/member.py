@@ -26,12 +26,14 @@ from scan2fea.estimation.as_member import (
     significant,
     with_length_std,
     with_reach,
+    without_length,
 )
 from scan2fea.estimation.axis import Axis, axes_of
 from scan2fea.estimation.beside import beside
 from scan2fea.estimation.caps import HOLLOW, SOLID, ends_show, inside_of
 from scan2fea.estimation.changing import changing, is_better
 from scan2fea.estimation.continued import continued
+from scan2fea.estimation.end_faces import cut_askew
 from scan2fea.estimation.ends import Ends, rough_ends
 from scan2fea.estimation.explain import MIN_SLENDER, Explanation, explanation
 from scan2fea.estimation.fit import MIN_POINTS, SectionFit
@@ -284,6 +286,9 @@ def _between_ends(
     member = widened(member, pitch, (ends.low.cap_points, ends.high.cap_points), off_m)
     member, untold = honest(points, member, options)
     untold = {**untold, **fit.why, **{name: _BLIND for name in fit.names if blind_plate(fit, name)}}
+    askew = "" if options.whole else cut_askew(ends, fit.family)
+    if askew and "length" not in fixed:
+        member, untold = without_length(member), {**untold, "length": askew}
     rimmed = member if untold.get("t") == BLENDED else with_rim(points, member, pitch)
     if rimmed is member:
         return _Closed(member=member, told=told, ends=ends, untold=untold, wall_m=None)

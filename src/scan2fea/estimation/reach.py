@@ -40,6 +40,7 @@ _MOST_BEYOND = 0.1  # density beyond the end over that before it: more is a face
 _CORNER = 0.1  # of a face, at its other end
 _LEAST = 50  # points of a run
 _SLICES, _SLICE_POINTS = 6, 60  # along the member
+_ASKEW = 3.3  # standard deviations: by chance once in a thousand
 _UNEVEN = 1e-3  # probability of slices that end so unlike each other
 _LAST_ROW = 3**-0.5  # of the step between rows: root mean square of what the last is short of the edge, were it anything up to one
 _WAVES = 1_000  # wave numbers that are asked at most
@@ -211,11 +212,22 @@ def _is_even(run: _Run, whole: RunEnd, sigma_m: float, step_m: float) -> bool:
         return False
     low, high = float(run.z.min()), float(run.z.max())
     at = np.clip(((run.z - low) / (high - low) * n_slices).astype(int), 0, n_slices - 1)
-    parts = [run_end(run.out[at == k], sigma_m, run.start) for k in range(n_slices) if (at == k).sum() >= _SLICE_POINTS / 3]
-    if len(parts) < 0.75 * n_slices:
+    slices = [k for k in range(n_slices) if (at == k).sum() >= _SLICE_POINTS / 3]
+    if len(slices) < 0.75 * n_slices:
         return False
-    off = sum(abs(part.edge_m - whole.edge_m) / math.hypot(part.std_m, _LAST_ROW * step_m) for part in parts)
-    return float(gammaincc(len(parts), off)) > _UNEVEN  # what the last point leaves bare is exponential
+    parts = [run_end(run.out[at == k], sigma_m, run.start) for k in slices]
+    off = np.array([(part.edge_m - whole.edge_m) / math.hypot(part.std_m, _LAST_ROW * step_m) for part in parts])
+    weight = np.array([1 / math.hypot(part.std_m, _LAST_ROW * step_m) for part in parts])
+    if float(gammaincc(len(parts), float(np.abs(off).sum()))) <= _UNEVEN:  # what the last point leaves bare is exponential
+        return False
+    without = [np.arange(len(parts)) != k for k in range(len(parts))]  # one of them may be far off: the tail again
+    return min(_trend(np.array(slices, float)[own], off[own], weight[own]) for own in without) < _ASKEW
+
+
+def _trend(place: FloatArray, off: FloatArray, weight: FloatArray) -> float:
+    """Slope, in standard deviations, of what lies off by `off` of them (each 1 / weight) at places (n,): of a cut askew along the member."""
+    arm = weight * (place - np.average(place, weights=weight**2))
+    return abs(float(arm @ off)) / max(float(np.linalg.norm(arm)), 1e-300)
 
 
 def solved(member: Member, seen: set[str], ends: Mapping[str, tuple[float, float]], n_points: int) -> Reach | None:

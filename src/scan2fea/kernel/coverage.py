@@ -24,6 +24,7 @@ class Deviation(Value):
 
     mean_m : signed, positive outside.   rms_m, p95_m, max_m : points to surface.   surface_p95_m : surface to its nearest measured points,
     over the measured area.   stray_share : of the points, farther off than 3 sigma and half a spacing.
+    own_p95_m : as p95_m, of the points without those that were told to be strays.
     per_vertex_m : (n,) mean signed distance of the points nearest to the faces of each vertex, nan where there are none.
     """
 
@@ -34,6 +35,7 @@ class Deviation(Value):
     surface_p95_m: float
     measured_area_fraction: float
     stray_share: float
+    own_p95_m: float
     per_vertex_m: FloatArray
 
 
@@ -134,8 +136,13 @@ def area_shares(mesh: TriangleMesh, origin: IntArray) -> dict[str, float]:
     return {name: float(areas[kind] / total) for name, kind in kinds.items()}
 
 
-def deviation(mesh: TriangleMesh, points: FloatArray, spacing_m: float, sigma_m: float, is_inferred: BoolArray | None = None) -> Deviation:
-    """How far the measured points lie from the surface and how much of the surface they cover."""
+def deviation(
+    mesh: TriangleMesh, points: FloatArray, spacing_m: float, sigma_m: float, is_inferred: BoolArray | None = None, strays: float = 0.0
+) -> Deviation:
+    """How far the measured points lie from the surface and how much of the surface they cover.
+
+    strays : share of the points, the farthest ones, that is known to belong to nothing.
+    """
     seen = _measured(points, is_inferred)
     nearest = PointToMesh(mesh).nearest(seen)
     # the face's own normal decides the side; at rims it may err, which the mean hardly feels
@@ -151,6 +158,7 @@ def deviation(mesh: TriangleMesh, points: FloatArray, spacing_m: float, sigma_m:
         mean_m=float(signed.mean()) if len(seen) else float("nan"),
         rms_m=float(np.sqrt((signed**2).mean())) if len(seen) else float("nan"),
         p95_m=float(np.percentile(nearest.distance, 95)) if len(seen) else float("nan"),
+        own_p95_m=float(np.percentile(nearest.distance, 95 * (1 - strays))) if len(seen) else float("nan"),
         max_m=float(nearest.distance.max(initial=0.0)),
         surface_p95_m=float(np.percentile(gap[measured], 95)) if measured.any() else float("nan"),
         measured_area_fraction=float(share[measured].sum() / (share.sum() or 1.0)),

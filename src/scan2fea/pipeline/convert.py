@@ -232,7 +232,8 @@ def _verify_geometry(made: Made) -> None:
         raise InternalError("the geometry is verified before it is whole")
     enclosed = volume(surface)
     made.checks += surface_checks(surface)
-    found = deviation(surface, cloud.points, made.spacing_m, made.sigma_m, cloud.is_inferred)
+    strays = made.estimate.stray_share if made.member is not None and made.estimate is not None else 0.0
+    found = deviation(surface, cloud.points, made.spacing_m, made.sigma_m, cloud.is_inferred, strays)
     if made.part.mesh is None:
         origin = face_origin(surface, cloud.points, cloud.is_inferred, made.spacing_m, made.sigma_m)
         supported = _supported_share(made, surface, origin)

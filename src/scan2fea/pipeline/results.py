@@ -38,6 +38,7 @@ from scan2fea.verification.verdict import verdict
 SCHEMA = 1
 
 MAX_NAMES = 500  # names of more CAD faces than this help nobody
+_MANY_STRAYS = 0.05  # of the points: from there on the deviation told of 95 % of them is that of strays
 LIBRARIES = ("numpy", "scipy", "numba", "PyMaxflow", "gmsh", "cadquery-ocp-novtk", "pyamg")
 
 
@@ -200,7 +201,7 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
     row["files"] = list(files)
     row["verdict"], row["reason"] = found.name, found.reason
     if found.name == "converted" and made.member is not None:
-        row["reason"] += assumed(made.member) + (claimed(made.member, made.estimate) if made.estimate is not None else "")
+        row["reason"] += assumed(made.member) + (claimed(made.member, made.estimate) + left_out(made.estimate) if made.estimate is not None else "")
     doubt = made.part.doubt.between_m
     if found.name == "converted" and doubt > made.sigma_m:
         row["reason"] += f"; points of different scans may lie {doubt:.2g} m off each other (one standard deviation of their poses)"
@@ -230,6 +231,12 @@ def assumed(member: Member) -> str:
     unseen = sum(share < SEEN for share in member.seen.values())
     rests = f"; {', '.join(member.seated)}: from the plane that it rests on" if member.seated else ""
     return prior + rests + (f"; {unseen} of {len(member.seen)} faces of the section were not seen, they follow from the others" if unseen else "")
+
+
+def left_out(found: Estimate) -> str:
+    """How many points the member leaves to nothing, for the verdict's line, where they are more than one in twenty."""
+    share = found.stray_share
+    return f"; {share:.0%} of the points lie off it, scattered, and were taken for strays" if share > _MANY_STRAYS else ""
 
 
 def claimed(member: Member, found: Estimate) -> str:

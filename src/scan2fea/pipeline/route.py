@@ -47,6 +47,7 @@ class Estimate(Value):
     p_fixed : probability of data as far from the given dimensions as these if those were true; None where none was given or none is told.
     given : each given dimension beside what the points say of it.   whole : the user said that nothing hid the object and nothing was cut off it.
     strip : why it is only part of what was scanned, as an object of its own beside it shows; "" where none does.
+    stray_share : of the points, off a member that explains the others, and no crowd.
     """
 
     member: Member | None
@@ -56,6 +57,7 @@ class Estimate(Value):
     given: tuple[Given, ...] = ()
     whole: bool = False
     strip: str = ""
+    stray_share: float = 0.0
 
     @property
     def untold(self) -> tuple[str, ...]:
@@ -134,8 +136,10 @@ def estimate(
         return Estimate(member=None, explains=False, reason=str(error), strip=strip)
     if fit.explains:
         member = replace(member, damage=damages(scan.cloud.points, member, member.sigma_m, options.seed))
-    why = _reason(fit, options)
-    return Estimate(member=member, explains=fit.explains, reason=why, p_fixed=fit.p_fixed, given=fit.given, whole=options.whole, strip=strip)
+    return Estimate(
+        member=member, explains=fit.explains, reason=_reason(fit, options), p_fixed=fit.p_fixed, given=fit.given, whole=options.whole, strip=strip,
+        stray_share=told.stray_share if fit.explains else 0.0,
+    )  # fmt: skip
 
 
 def alternatives(fit: SectionFit) -> Mapping[str, Mapping[str, float]]:

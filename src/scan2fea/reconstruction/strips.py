@@ -200,10 +200,11 @@ def _own(left: _Left, seed: int, free: BoolArray, depth: float) -> BoolArray:
     for _ in range(3):
         total = own @ leaning
         way = total / max(float(np.linalg.norm(total)), 1e-300)
-        height = middle @ way
-        own = np.abs(height - float(np.average(height, weights=own * area))) <= depth
-        if not own.any():
+        weight = own * area
+        if not weight.sum() > 0:  # none lies within the depth of the others' middle, or only faces without area do
             break
+        height = middle @ way
+        own = np.abs(height - float(np.average(height, weights=weight))) <= depth
     out = np.zeros(len(free), bool)
     out[alike[own]] = True
     return out

@@ -11,8 +11,8 @@ NOISE_SIGMAS = 3.0  # 99.7 % of the points of a Gaussian scanner lie within
 
 
 def deviation_checks(found: Deviation, spacing_m: float, sigma_m: float) -> tuple[Check, ...]:
-    """Points to surface within the noise or the spacing, whichever is larger."""
-    return (at_most("shape.deviation_p95", found.p95_m, max(NOISE_SIGMAS * sigma_m, spacing_m)),)
+    """Points to surface within the noise or the spacing, whichever is larger. Strays have been judged where they were told (`estimation.explain`)."""
+    return (at_most("shape.deviation_p95", found.own_p95_m, max(NOISE_SIGMAS * sigma_m, spacing_m)),)
 
 
 def free_form_checks(found: Deviation, supported_share: float) -> tuple[Check, ...]:

@@ -6,7 +6,7 @@ Five figures, each with what it is measured against:
               cell, a wrong shape does not. What the model itself would show in the same cell (walls as thin as the noise pull the nearest face
               about) is taken from points drawn from it.
     strays    Points off the surface by more than noise. Clutter is thin and anywhere; a second body, a stiffener or a dome is a crowd.
-    voids     Empty places enclosed in a face that was seen all around: holes. (What lies open to the rim of a face may simply be hidden.)
+    voids     Empty places enclosed in a face that was seen all around, and on which nothing else lies: holes (`holes.py`).
     ends      They are planes (`end_faces.py`).
     noise     The scatter around the member against the scatter of neighbouring points around their own surface.
 
@@ -16,15 +16,15 @@ A departure that mill tolerances allow is none: 1 % of the section's size (EN 10
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 from scipy.spatial import cKDTree
 from scipy.special import chdtr, chdtrc
 
 from scan2fea.estimation.end_faces import n_not_flat
+from scan2fea.estimation.holes import Covers, occupied, uncovered
 from scan2fea.estimation.outline import outline_distance
 from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.noise import noise_sigma, sampled_rows
@@ -43,8 +43,6 @@ _CELL_POINTS = 15
 _STRAY = 4.0
 _FACES_OFF = 24  # stretches of the outline, about
 _SE = 4.0
-VOID_POINTS = 25.0  # points that the density around a hole foretells for it: none by chance in 1e-11
-VOID_CELLS = 4
 AGAIN = 8  # times that each ray measures the model
 _LOCAL_DOUBT = 0.1  # relative: the scatter of neighbours comes out up to 8 % low where noise is 3 % of the section (simulated bars)
 _STRAY_DRAWS = 20_000
@@ -87,12 +85,20 @@ class Explanation(Value):
 
 
 def explanation(
-    points: FloatArray, member: Member, sigma_m: float, seed: int = 0, *, along_rays: bool = False, by_rays: ByRays | None = None
+    points: FloatArray,
+    member: Member,
+    sigma_m: float,
+    seed: int = 0,
+    *,
+    along_rays: bool = False,
+    by_rays: ByRays | None = None,
+    covers: Covers = (),
 ) -> Explanation:
     """Test the member against the points (n, 3) it was fitted to.
 
     along_rays : sigma_m is the noise of the range: across a face seen aslant it is less, and the cells show that as a pattern.
     by_rays : what rays say of holes and of the points of the model; None: places without points are holes, noise is alike in all directions.
+    covers : (k, 3) points of each other body around: where one lies on the member, nobody can see whether there is a hole.
     """
     values = member.values()
     shape = section(member.family, values)
@@ -110,8 +116,9 @@ def explanation(
     clutter = _Clutter.of(shape, local[among, :2], int((stray & among).sum()), reach, seed)
     again = None if by_rays is None else by_rays.again
     cells = _cells(surface, side, shape, values["length"], sigma_m, size, clutter, seed, 1.0 if along_rays else 0.5, again)
-    seen, empty = _occupied(surface, side, shape, values["length"], size)
-    voids = empty if by_rays is None or by_rays.voids is None else by_rays.voids
+    seen, holes = occupied(shape, surface.edge[side], surface.along[side], surface.z[side], values["length"])
+    bare = len(uncovered(holes, member, covers, sigma_m))
+    voids = bare if by_rays is None or by_rays.voids is None else by_rays.voids
     near = some[~stray]
     local_sigma = noise_sigma(near, seed=seed) if len(near) >= 50 else math.nan
     rms = float(np.sqrt(np.mean(surface.distance[~stray] ** 2))) if (~stray).any() else math.nan
@@ -130,7 +137,8 @@ def explanation(
     }
     not_flat = n_not_flat(surface.side, surface.beyond, sigma_m, reach, values["length"])
     reason = _reason(figures, voids, not_flat, member, along_rays)
-    return Explanation(explains=not reason, reason=reason or _praise(figures, member), voids=voids, seen=seen, cells=cells.n, **figures)
+    said = reason or _praise(figures, member, len(holes) - bare)
+    return Explanation(explains=not reason, reason=said, voids=voids, seen=seen, cells=cells.n, **figures)
 
 
 def _reason(f: Mapping[str, float], voids: int, not_flat: int, member: Member, along_rays: bool) -> str:
@@ -179,10 +187,11 @@ def _is_degenerate(member: Member) -> bool:
     return fills > 0.5 and min(values["tw"], values["tf"]) < 0.05 * max(values["tw"], values["tf"])
 
 
-def _praise(f: Mapping[str, float], member: Member) -> str:
+def _praise(f: Mapping[str, float], member: Member, n_covered: int) -> str:
+    covered = f"; at {n_covered} place{'s' * (n_covered > 1)} another body lies on it, and what is below was not seen" if n_covered else ""
     return (
         f"a {member.family} member explains {100 * (1 - f['stray_share']):.1f} % of the points with an rms of {1e3 * f['rms_m']:.3g} mm; "
-        f"{100 * f['off_share']:.1f} % of them lie where it is off by more than noise and mill tolerance"
+        f"{100 * f['off_share']:.1f} % of them lie where it is off by more than noise and mill tolerance{covered}"
     )
 
 
@@ -342,52 +351,3 @@ def _crowd(local: FloatArray, stray: BoolArray, size: float) -> BoolArray:
     expected = len(rows) * (4 / 3 * math.pi * distance**3) / box
     crowd[rows] = chdtr(2 * k, 2 * expected) < 1e-3
     return crowd
-
-
-def _occupied(surface: _Surface, side: BoolArray, shape: Section, length: float, size: float) -> tuple[Mapping[str, float], int]:
-    """Per face the share of its cells that hold points, and the number of holes: empty cells enclosed by full ones on one face."""
-    outline = sum(float(np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1).sum()) for loop in shape.loops)
-    seen: dict[str, float] = {}
-    voids = 0
-    for name, rows, s, width in on_faces(shape, surface.edge, surface.along):
-        own = side[rows]
-        share, holes = _face(s[own], surface.z[rows][own], width, length, int(side.sum()) * width / outline)
-        seen[name] = share
-        voids += holes
-    return seen, voids
-
-
-def on_faces(shape: Section, edge: IntArray, along: FloatArray) -> Iterator[tuple[str, IntArray, FloatArray, float]]:
-    """Of each face its name, the rows of the places (edge, along) that lie on it, how far along it each is, and its width, m."""
-    names = [name for loop in shape.face_names for name in loop]
-    lengths = np.concatenate([np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1) for loop in shape.loops])
-    before = np.r_[0.0, np.cumsum(lengths)[:-1]]
-    for name in dict.fromkeys(names):
-        own = [i for i, other in enumerate(names) if other == name]
-        rows = np.flatnonzero(np.isin(edge, own))
-        yield name, rows, before[edge[rows]] + along[rows] - before[own[0]], float(lengths[own].sum())
-
-
-def _face(s: FloatArray, z: FloatArray, width: float, length: float, expected: float) -> tuple[float, int]:
-    if len(s) < 4:
-        return 0.0, 0
-    count = max(min(expected, max(len(s), 0.1 * expected)) / 6, 1.0)  # six points a cell on average: an empty one is a chance of 1 in 400
-    cell = max(math.sqrt(width * length / count), 1e-12)
-    n_s, n_z = max(round(width / cell), 1), max(min(round(length / cell), 2000), 1)
-    i = np.clip((s / width * n_s).astype(int), 0, n_s - 1)
-    j = np.clip((z / length * n_z).astype(int), 0, n_z - 1)
-    counts = np.bincount(i * n_z + j, minlength=n_s * n_z).reshape(n_s, n_z)
-    share = float((counts > 0).mean())
-    if min(n_s, n_z) < VOID_CELLS:
-        return share, 0
-    label, n_regions = ndimage.label(counts == 0)
-    rim = np.unique(np.r_[label[0], label[-1], label[:, 0], label[:, -1]])
-    holes = 0
-    for region in range(1, n_regions + 1):
-        if region in rim:
-            continue
-        inside = label == region
-        around = ndimage.binary_dilation(inside, iterations=1) & ~inside
-        if inside.sum() * float(counts[around].mean()) > VOID_POINTS and inside.sum() >= VOID_CELLS:
-            holes += 1
-    return share, holes

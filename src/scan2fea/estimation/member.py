@@ -39,6 +39,7 @@ from scan2fea.estimation.explain import MIN_SLENDER, Explanation, explanation
 from scan2fea.estimation.fit import MIN_POINTS, SectionFit
 from scan2fea.estimation.from_outside import TUBE_OF, seen_from_outside, tube_of
 from scan2fea.estimation.given import Given, Told, compared, joint_p_value, told_by
+from scan2fea.estimation.holes import Covers
 from scan2fea.estimation.mirrored import told_toes
 from scan2fea.estimation.prismatic import is_prismatic
 from scan2fea.estimation.ray_voids import in_sheets
@@ -96,11 +97,13 @@ def fit_member(
     options: MemberOptions = MemberOptions(),
     fixed: Mapping[str, float] | None = None,
     nominal: Mapping[str, float] | None = None,
+    covers: Covers = (),
 ) -> MemberFit:
     """The member that the points of one object are likeliest to come from.
 
     fixed : dimensions (m) that are known: they are not fitted, their contradiction by the points is tested (`p_fixed`, `given`); "length" may be
     among them.   nominal : dimensions (m) that are fitted all the same and then compared (`given`); those of other families are left out.
+    covers : (k, 3) points of each other body around, which may lie on it and hide a hole.
     Raises InputError for fewer than 50 points or points that are not finite; UsageError for bad options; EstimationError where the points lie on
     one line, no section fits, or (nothing being known) seen along no axis they lie on an outline. Other objects that are no member come back with
     `explains` False.
@@ -111,7 +114,7 @@ def fit_member(
     axes = axes_of(points, options.seed, options.max_degree)
     if not options.family and not fixed:
         require(is_prismatic(points, axes, options.seed), EstimationError, _FREE_FORM)
-    found = _swept(points, axes, options, families, fixed or {})
+    found = _swept(points, axes, options, families, fixed or {}, covers)
     if nominal:
         found = dataclasses.replace(found, given=(*found.given, *_beside(found, nominal)))
     other = _SOLID.get(found.member.family)
@@ -119,12 +122,12 @@ def fit_member(
     short = found.explanation.slenderness < MIN_SLENDER  # along another axis it may be a bar
     may_be = not found.explains and (short or not _is_hopeless(found.explanation))  # where the likeliest is hopeless a likeness of it is too
     if other in families and (closed or may_be):  # from outside a tube and a bar are alike, but a bar's caps are closed
-        bar = _swept(points, axes if short else (found.axis,), dataclasses.replace(options, family=other), (other,), fixed or {})
+        bar = _swept(points, axes if short else (found.axis,), dataclasses.replace(options, family=other), (other,), fixed or {}, covers)
         found = bar if bar.explains else found
     if not fixed:
-        found = _tube_for(points, found, options, families)
+        found = _tube_for(points, found, options, families, covers)
     if _may_change(found, fixed or {}):
-        found = _with_change(points, found, options, families)
+        found = _with_change(points, found, options, families, covers)
     inside = sensor_inside(scan, found.member)
     if inside:
         found = dataclasses.replace(found, why={**found.why, "sensor": inside})
@@ -147,14 +150,14 @@ def fit_member(
     return dataclasses.replace(found, member=dataclasses.replace(member, inside=inside_of(points, member), told_toes=told_toes(points, member)))
 
 
-def _tube_for(points: FloatArray, found: MemberFit, options: MemberOptions, families: tuple[str, ...]) -> MemberFit:
+def _tube_for(points: FloatArray, found: MemberFit, options: MemberOptions, families: tuple[str, ...], covers: Covers) -> MemberFit:
     """Where the ends are seen to be open and no inner face was seen, the tube with the outer faces of the bar that looks the same."""
     family = TUBE_OF.get(found.member.family, found.member.family)
     doubtful = found.member.family in TUBE_OF or found.why.get("t") == BLENDED
     if not doubtful or family not in BAR_OF or family not in families or inside_of(points, found.member) != HOLLOW:
         return found
     bar = BAR_OF[family]
-    tube = _swept(points, (found.axis,), dataclasses.replace(options, family=bar), (bar,), {}, open_ends=True)
+    tube = _swept(points, (found.axis,), dataclasses.replace(options, family=bar), (bar,), {}, covers, open_ends=True)
     if not tube.explains or inside_of(points, tube.member) != HOLLOW:
         return found
     known = {**found.member.families, family: found.member.families.get(family, 0.0)}
@@ -167,26 +170,26 @@ def _may_change(found: MemberFit, fixed: Mapping[str, float]) -> bool:
     return not fixed and (not found.explains or told.off_share > _OFF)
 
 
-def _with_change(points: FloatArray, found: MemberFit, options: MemberOptions, families: tuple[str, ...]) -> MemberFit:
+def _with_change(points: FloatArray, found: MemberFit, options: MemberOptions, families: tuple[str, ...], covers: Covers) -> MemberFit:
     """The fit with a taper or a haunch where that is likelier than a prism and explains the points; else as it was.
 
     Of many points some are asked first: what changes by more than noise and tolerance shows in them, and most of what comes here is no member.
     """
     few = points[sampled_rows(len(points), _ASKED_FIRST, options.seed)]
-    if len(few) < len(points) and _with_change(few, found, options, families) is found:
+    if len(few) < len(points) and _with_change(few, found, options, families, covers) is found:
         return found
     fits: list[MemberFit] = []
 
     def prism(moved: FloatArray, family: str) -> tuple[Member, SectionFit]:
         own = (family,) if family else families
         plain = dataclasses.replace(options, family=family or options.family, max_degree=1, twist=False)
-        fits.append(_swept(moved, axes_of(moved, options.seed, 1)[:1], plain, own, {}))
+        fits.append(_swept(moved, axes_of(moved, options.seed, 1)[:1], plain, own, {}, covers))
         return fits[-1].member, fits[-1].section
 
     other = changing(points, found.member, prism, options.seed)
     if other is None or not is_better(other, len(points)):
         return found
-    told = explanation(points, other.member, other.section.sigma_m, options.seed)
+    told = explanation(points, other.member, other.section.sigma_m, options.seed, covers=covers)
     if not told.explains:
         return found
     last = fits[-1]
@@ -200,6 +203,7 @@ def _swept(
     options: MemberOptions,
     families: tuple[str, ...],
     fixed: Mapping[str, float],
+    covers: Covers,
     *,
     open_ends: bool = False,
 ) -> MemberFit:
@@ -218,13 +222,13 @@ def _swept(
     used_m = sweep.span[1] - sweep.span[0]  # of the length: without the ends, which the noise blurs
     rough = rough_ends(coordinates[near_section(coordinates, fit), 2])
     sweep = sweep.rebased(*rough)
-    one = _between_ends(points, sweep, fit, options, fixed)
+    one = _between_ends(points, sweep, fit, options, fixed, covers)
     if one.wall_m is not None:  # the rim tells how many points the end faces hold
-        one = _between_ends(points, sweep, fit, options, fixed, one.wall_m)
+        one = _between_ends(points, sweep, fit, options, fixed, covers, one.wall_m)
     hidden = reach(points, one.member, whole=options.whole) if one.told.explains and (options.whole or not fixed) else None
     if hidden is not None:
         sweep, fit = with_reach(one.member, fit, hidden)
-        one = _between_ends(points, sweep, fit, options, fixed, one.wall_m, hidden.faces)
+        one = _between_ends(points, sweep, fit, options, fixed, covers, one.wall_m, hidden.faces)
         one = dataclasses.replace(one, member=with_length_std(one.member, end_rows(points, one.member))) if options.whole else one
     more = (continued(points, one.member) or beside(points, one.member)) if one.told.explains else ""
     told = dataclasses.replace(one.told, explains=False, reason=more) if more else one.told
@@ -264,6 +268,7 @@ def _between_ends(
     fit: SectionFit,
     options: MemberOptions,
     fixed: Mapping[str, float],
+    covers: Covers,
     wall_m: float | None = None,
     reached: tuple[str, ...] = (),
 ) -> _Closed:
@@ -278,7 +283,7 @@ def _between_ends(
         low, high = _of_length(fixed["length"], low, high, ends)
     sweep = sweep.rebased(low, high)
     member = member_of(sweep, fit, ends, fixed)
-    told = explanation(points, member, fit.sigma_m, options.seed)
+    told = explanation(points, member, fit.sigma_m, options.seed, covers=covers)
     member = dataclasses.replace(member, seen=seen_faces(fit, told), reached=reached)
     off_m = face_error(told.pattern_m, told.p_value, fit.sigma_m)
     area = (high - low) * float(face_lengths(fit.family, fit.values) @ np.array([member.seen[name] >= SEEN for name in faces(fit.family)]))

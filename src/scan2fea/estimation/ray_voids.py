@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from scan2fea.estimation.explain import AGAIN, VOID_CELLS, VOID_POINTS, ByRays, on_faces
+from scan2fea.estimation.explain import AGAIN, ByRays
+from scan2fea.estimation.holes import VOID_CELLS, VOID_POINTS, on_faces
 from scan2fea.estimation.outline import outline_distance
 from scan2fea.estimation.solid import swept
 from scan2fea.estimation.swept import sweep_of_member

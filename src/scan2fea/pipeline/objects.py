@@ -26,7 +26,7 @@ from scan2fea.pipeline.record import KEEP, RESULT, Say, key_of
 from scan2fea.pipeline.results import object_row
 from scan2fea.pipeline.scene import Scene
 from scan2fea.repair import faces_among
-from scan2fea.segmentation import Selection, contact_points, footings, strips_beside
+from scan2fea.segmentation import Selection, bodies_around, contact_points, footings, strips_beside
 from scan2fea.types import PointCloud, Rays, Scan, Segments
 
 _AROUND = 0.5  # of the least extent of an object: how far off a ray still tells that it ends
@@ -48,11 +48,13 @@ def parts_of(scene: Scene, segments: Segments, chosen: Selection, config: Config
         mesh = None if frame not in meshes else faces_among(meshes[frame], segments.labels[scene.scan.cloud.frame == frame] == label)
         doubt, smeared = doubt_of(scene, rows), smeared_by(scene, own.frame)
         strips = strips_beside(own, seen, labelled, int(label)) if mesh is None else ()
+        covers = bodies_around(own, seen, labelled, int(label)) if mesh is None else ()
         under = footings(own, seen, labelled, int(label)) if mesh is None else ()
         if mesh is None:
             own = contact_points(own, seen, labelled, int(label))
         scan = _with_rays(own, scene.scan.rays)
-        return Part(id=number, kind=segments.kinds[label], scan=scan, mesh=mesh, doubt=doubt, smeared=smeared, footings=under, strips=strips)
+        part = Part(id=number, kind=segments.kinds[label], scan=scan, mesh=mesh, doubt=doubt, smeared=smeared)
+        return replace(part, footings=under, strips=strips, covers=covers)
 
     return in_threads(part_of, range(1, len(chosen.labels) + 1))
 

@@ -19,7 +19,8 @@ class Part(Value):
     """One object of the scene. `mesh` is given where the input had faces: then it enters at repair and `scan` holds its vertices.
 
     doubt : of the places that it was seen from (`pose_doubt.doubt_of`).   smeared : why a scanner's motion is in its points, "" where it is not.
-    footings : planes that it may rest on.   strips : (k, 3) points of thin objects beside it.
+    footings : planes that it may rest on.   strips : (k, 3) points of thin objects beside it.   covers : of each other
+    object or piece of clutter around it, which may lie on it.
     """
 
     id: int
@@ -30,6 +31,7 @@ class Part(Value):
     smeared: str = ""
     footings: tuple[Footing, ...] = ()
     strips: tuple[FloatArray, ...] = ()
+    covers: tuple[FloatArray, ...] = ()
 
     @property
     def contact(self) -> BoolArray:

@@ -91,11 +91,12 @@ def estimate(
     doubt: PoseDoubt = PoseDoubt(),
     footings: Sequence[Footing] = (),
     strips: Sequence[FloatArray] = (),
+    covers: Sequence[FloatArray] = (),
 ) -> Estimate:
     """The member of the points, with its catalogue and damage. A bad designation or table raises; an object that is no member does not.
 
     known : of this object alone, in place of `route.member`.   doubt : of the places that its points, by `frame`, were measured from.
-    footings : planes that the object may rest on.   strips : (k, 3) points of thin objects beside it.
+    footings : planes that the object may rest on.   strips : (k, 3) points of thin objects beside it.   covers : of all others.
     """
     table = table_of(route)
     section = known_section(route, table) if known is None else known
@@ -105,7 +106,7 @@ def estimate(
     measured = scan.cloud.points if inferred is None else scan.cloud.points[~inferred]
     try:
         options = replace(options, family=section.family or options.family, whole=options.whole or section.whole)
-        fit = fit_member(scan, options, section.fixed, section.nominal)
+        fit = fit_member(scan, options, section.fixed, section.nominal, covers)
     except InputError as error:
         return Estimate(member=None, explains=False, reason=str(error))
     except EstimationError as error:

@@ -1,5 +1,6 @@
 """One label per point, and which of them to model (see docs/design.md). A method is one file and one line in `scene.METHODS`."""
 
+from scan2fea.segmentation.around import bodies_around
 from scan2fea.segmentation.contact import contact_points, footings
 from scan2fea.segmentation.options import SegmentationOptions, SelectOptions
 from scan2fea.segmentation.scene import METHODS, Method, segment_scene
@@ -12,6 +13,7 @@ __all__ = [
     "SegmentationOptions",
     "SelectOptions",
     "Selection",
+    "bodies_around",
     "contact_points",
     "footings",
     "segment_scene",

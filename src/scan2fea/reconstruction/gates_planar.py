@@ -29,6 +29,7 @@ EXCESS = 1.15  # scatter of the points about the faces against their noise
 BENT = 0.01  # of the points may lie on faces that are bent
 BEND_CHANCE, BEND_NOISE = 1e-6, 0.3  # a quadric bends by more than chance, and by more than this share of the noise
 BEND_SPACING = 0.02
+BEND_CHANCE_ONE = 1e-3  # of one face asked alone, where only an edge hangs on it
 CURED = frozenset(
     {EDGES_GROWN, EDGES_CUT, VOLUME_IN_DOUBT, "deviation p95", "stray points", "unmeasured area", HIDDEN_VOLUME, DARK_HOLES}
 )
@@ -138,6 +139,17 @@ def _bent(
         bent[every] = swing > BEND_NOISE * sigma_m + BEND_SPACING * spacing_m and float(fdtrc(terms, free, ratio)) < BEND_CHANCE
     share = float(np.mean(bent | rounds)) if len(bent) else 0.0
     return at_most("bent faces", share, BENT, f"{share:.1%} of the points lie on faces that are bent, not flat (limit {BENT:.0%})")
+
+
+def is_flat(points: FloatArray, plane: Plane, sigma_m: float, spacing_m: float) -> bool:
+    """Do the points (n, 3) of one plane bend no more than chance explains? Of fewer than LEAST_POINTS nothing is known: they may."""
+    if len(points) < LEAST_POINTS:
+        return False
+    bend, left = _squares(points, plane)
+    free = len(points) - 6
+    swing = math.sqrt(bend / len(points))
+    by_chance = float(fdtrc(3, free, bend / 3 / max(left / free, 1e-300))) >= BEND_CHANCE_ONE
+    return by_chance or swing <= BEND_SPACING * spacing_m
 
 
 def _squares(points: FloatArray, plane: Plane) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from scan2fea.kernel.topology import edge_table, half_edges
 from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, MIXED
 from scan2fea.reconstruction.evidence import PATCH, SAME_FACE, SAMPLES, Evidence, around, at_least, at_most, mm, patch_wall_m, wall_m
 from scan2fea.reconstruction.outside import Flood
-from scan2fea.types import Check, FloatArray, TriangleMesh
+from scan2fea.types import BoolArray, Check, FloatArray, TriangleMesh
 
 NOISE_OVER_WALL = 0.35  # above, the two faces of a wall mix: volume and thickness go wrong
 NOISE_UNSIDED = 0.2  # the same where no sensor says on which face a point lies: then points between the faces no longer tell where a wall ends
@@ -114,10 +114,14 @@ def rims(evidence: Evidence) -> tuple[Check, ...]:
     return cut, noise
 
 
-def mean_curvature(mesh: TriangleMesh) -> float:
-    """Half the sum of edge length x turning angle, convex edges positive, m: the integral of the mean curvature (Steiner 1840)."""
+def mean_curvature(mesh: TriangleMesh, without: BoolArray | None = None) -> float:
+    """Half the sum of edge length x turning angle, convex edges positive, m: the integral of the mean curvature (Steiner 1840).
+
+    without : (v,) vertices; edges between two of them are left out.
+    """
     twin, ends = edge_table(mesh.faces).twin, half_edges(mesh.faces)
-    one = np.flatnonzero(twin > np.arange(len(twin)))
+    chosen = twin > np.arange(len(twin))
+    one = np.flatnonzero(chosen if without is None else chosen & ~without[ends].all(axis=1))
     normals = face_normals(mesh)
     a, b = normals[one // 3], normals[twin[one] // 3]
     edge = mesh.vertices[ends[one, 1]] - mesh.vertices[ends[one, 0]]

@@ -22,7 +22,9 @@ from scan2fea.kernel.distances import Nearest, PointToMesh
 from scan2fea.kernel.measures import face_areas, face_normals, volume
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.topology import half_edges
+from scan2fea.reconstruction.evidence import mm
 from scan2fea.reconstruction.gates import failed
+from scan2fea.reconstruction.gates_planar import BEND_SPACING, EXCESS
 from scan2fea.reconstruction.gates_smooth import gates_smooth
 from scan2fea.reconstruction.visibility import Reconstruction
 from scan2fea.types import BoolArray, FloatArray, IntArray, Scan, TriangleMesh, Value
@@ -32,6 +34,7 @@ MOST_FACES = 40_000  # a scan that needs more is dense: what is cut off between 
 LENGTHS = (0.25, 0.5, 1.0)  # spacings over which curvature may be evened out: that which foretells held-out points best
 ORDER = 3  # of the Laplacian between places and places: its slopes squared
 FOLDS = 5
+HOPELESS = 2.0  # times the scatter of held-out points that is allowed
 AGAIN = 2  # times that the surface found is the one on which bending is measured
 LEAST_AREA = 1e-3  # of the mean: a corner's share of the area is taken as at least that
 GAP = 2.0  # spacings from all points: random ones leave exp(-0.85 pi 4) = 2e-5 of a surface so bare
@@ -92,7 +95,12 @@ def rounded(scan: Scan, first: Reconstruction) -> Reconstruction:
     cloud, h = scan.cloud, first.spacing_m
     points = cloud.points if cloud.is_inferred is None else cloud.points[~cloud.is_inferred]
     plate = _Plate.of(divided(first.mesh, EDGE * h), points, h)
-    tried = {length: plate.held_out(length * h) for length in LENGTHS}
+    tried: dict[float, FloatArray] = {}
+    for length in LENGTHS:
+        tried[length] = plate.held_out(length * h)
+        scatter = float(np.sqrt(np.mean(np.square(tried[length]))))
+        has_edges = scatter > HOPELESS * (EXCESS * first.sigma_m + BEND_SPACING * h)
+        require(not has_edges, ReconstructionError, f"points held out lie {mm(scatter)} off the smooth surface through the others: it has edges")
     length = min(tried, key=lambda of: float(np.square(tried[of]).mean()))
     every = np.ones(len(points), bool)
     for _ in range(AGAIN):

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scan2fea.estimation.resting import rested
+from scan2fea.estimation.resting import rested, standing
 from scan2fea.kernel.transforms import rigid, rotation_about
-from scan2fea.types import FloatArray, Member, Parameter
+from scan2fea.types import FloatArray, Footing, Member, Parameter
 
 SPACING = 0.01
 
@@ -72,3 +72,37 @@ def test_a_dimension_that_only_the_plane_tells_is_observed() -> None:
     assert got.parameters[1].observable
     assert got.parameters[1].std_m == member.sigma_m
     assert got.covariance[1, 1] == member.sigma_m**2
+
+
+def plane(height_m: float, up: float = 1.0) -> Footing:
+    """A support square to the bar's axis, at a height along it."""
+    normal = up * POSE[:3, 2]
+    offset = float(normal @ (POSE[:3, 3] + height_m * POSE[:3, 2]))
+    return Footing(normal=normal, offset_m=offset, sigma_m=8e-4, std_m=2e-5, band_m=3e-3, points=np.zeros((0, 3)))
+
+
+@pytest.mark.parametrize(("height", "up", "low_shift"), [(-0.004, 1.0, -0.004), (0.604, -1.0, 0.0)])
+def test_an_end_that_stands_on_a_plane_is_there_and_no_surer_than_what_the_plane_took(height: float, up: float, low_shift: float) -> None:
+    got = standing(bar(0.3, 0.2, 0.6, POSE), (plane(height, up),))
+    assert got.values()["length"] == pytest.approx(0.604, abs=1e-12)
+    assert got.parameters[-1].std_m == pytest.approx(np.hypot(np.hypot(1e-4, 2e-5), 0.004 / np.sqrt(3)), rel=1e-9)
+    assert got.covariance[2, 2] == pytest.approx(got.parameters[-1].std_m ** 2)
+    assert np.linalg.solve(POSE, got.T_world_member)[:3, 3] == pytest.approx([0, 0, low_shift], abs=1e-12)
+    assert got.end_normals == pytest.approx(np.array([[0, 0, -1], [0, 0, 1]]), abs=1e-9)
+    assert got.seated == ("END",)
+
+
+def test_both_ends_may_stand_on_planes() -> None:
+    got = standing(bar(0.3, 0.2, 0.6, POSE), (plane(-0.003), plane(0.602, -1.0)))
+    assert got.values()["length"] == pytest.approx(0.605, abs=1e-12)
+    assert got.seated == ("END",)
+
+
+def test_an_end_above_what_the_plane_takes_hovers_and_a_given_length_stays() -> None:
+    member = bar(0.3, 0.2, 0.6, POSE)
+    assert standing(member, (plane(-0.011),)) is member  # three bands and six sigma are 10.8 mm
+    assert standing(member, (plane(0.1),)) is member  # through the middle
+    assert standing(member, ()) is member
+    fixed = replace(member.parameters[2], std_m=None, observable=False, source="fixed")
+    member = replace(member, parameters=(*member.parameters[:2], fixed))
+    assert standing(member, (plane(-0.004),)) is member

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from scan2fea.kernel.transforms import rigid
-from scan2fea.types import FloatArray, Member
+from scan2fea.types import FloatArray, Footing, Member
 
 PARALLEL = math.cos(math.radians(3.0))  # a face and the plane it rests on
 REACH_SPACINGS, REACH_SIGMAS = 6.0, 6.0  # how far above its plane the lowest points of a thing may have been cut off
+_TAKEN = 3.0  # bands of a plane, up to which points of the object may have gone to it
+END = "END"
 
 
 def rested(member: Member, contact: FloatArray, spacing_m: float) -> Member:
@@ -44,15 +47,49 @@ def rested(member: Member, contact: FloatArray, spacing_m: float) -> Member:
         return member
     shift = np.zeros(3)
     shift[axis] = (-gap if is_low else 0.0) if axis == 2 else (-gap / 2 if is_low else gap / 2)
-    moved = T @ rigid(np.eye(3), shift)
-    k = names.index(name)
-    before = member.parameters[k]
+    before = member.parameters[names.index(name)]
     std = member.sigma_m if before.std_m is None else before.std_m  # one point's noise where the edge alone told nothing
+    moved = _grown(member, name, high - low + gap, std, shift)
+    return _ended(moved, is_low, normal) if axis == 2 else moved
+
+
+def standing(member: Member, footings: Sequence[Footing]) -> Member:
+    """The member with each end that stands on a plane at that plane: the points of its foot went to the plane, and it came out short.
+
+    What hovers by less than the plane took looks the same: the length may be off by as much as the end was moved, evenly spread.
+    """
+    for footing in footings:
+        length = member.parameters[-1]
+        if member.bow.any() or member.twist.any() or member.change is not None or not length.observable or length.std_m is None:
+            return member
+        T = np.asarray(member.T_world_member)
+        normal = footing.normal @ T[:3, :3]
+        if abs(normal[2]) < PARALLEL:
+            continue
+        at = float(footing.offset_m - footing.normal @ T[:3, 3]) / float(normal[2])
+        is_low = abs(at) < abs(at - length.value_m)
+        gap = -at if is_low else at - length.value_m
+        if not -REACH_SIGMAS * member.sigma_m <= gap <= _TAKEN * footing.band_m + REACH_SIGMAS * member.sigma_m:
+            continue
+        std = math.hypot(length.std_m, footing.std_m, gap / math.sqrt(3))
+        moved = _grown(member, length.name, length.value_m + gap, std, np.array([0.0, 0.0, -gap if is_low else 0.0]))
+        member = replace(_ended(moved, is_low, normal), seated=(*(name for name in member.seated if name != END), END))
+    return member
+
+
+def _grown(member: Member, name: str, value_m: float, std_m: float, shift: FloatArray) -> Member:
+    """The member with one dimension made anew and told, and its frame moved by shift (3,) within itself."""
+    k = [p.name for p in member.parameters].index(name)
     covariance = np.array(member.covariance)
-    covariance[k, k] = std**2
-    grown = replace(before, value_m=float(high - low + gap), std_m=std, observable=True)
+    covariance[k, k] = std_m**2
+    told = replace(member.parameters[k], value_m=float(value_m), std_m=std_m, observable=True)
+    parameters = (*member.parameters[:k], told, *member.parameters[k + 1 :])
+    moved = np.asarray(member.T_world_member) @ rigid(np.eye(3), shift)
+    return replace(member, parameters=parameters, T_world_member=moved, covariance=covariance)
+
+
+def _ended(member: Member, is_low: bool, normal: FloatArray) -> Member:
+    """The member with one end along a plane of that normal (3,), either way, in the member's frame."""
     ends = np.array(member.end_normals)
-    if axis == 2:
-        ends[0 if is_low else 1] = normal * (math.copysign(1.0, normal[2]) * (-1 if is_low else 1))
-    parameters = (*member.parameters[:k], grown, *member.parameters[k + 1 :])
-    return replace(member, parameters=parameters, T_world_member=moved, end_normals=ends, covariance=covariance)
+    ends[0 if is_low else 1] = normal * (math.copysign(1.0, normal[2]) * (-1 if is_low else 1))
+    return replace(member, end_normals=ends)

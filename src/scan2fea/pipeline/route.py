@@ -16,7 +16,7 @@ from scan2fea.estimation.designation import parse_designation
 from scan2fea.estimation.fit import SectionFit
 from scan2fea.estimation.given import Given, contradictions
 from scan2fea.estimation.member import MemberFit, MemberOptions, fit_member
-from scan2fea.estimation.resting import rested
+from scan2fea.estimation.resting import rested, standing
 from scan2fea.estimation.seated import seated
 from scan2fea.estimation.several import several_members
 from scan2fea.estimation.systematic import face_error
@@ -122,7 +122,7 @@ def estimate(
     if inferred is not None:
         member = rested(member, scan.cloud.points[inferred], spacing(scan.cloud.points[~inferred]))
     if member is fit.member:  # no face that its ring of points encloses
-        member = seated(measured, member, footings)
+        member = standing(seated(measured, member, footings), footings)
     told = fit.explanation
     face_m = face_error(told.pattern_m, told.p_value, fit.section.sigma_m) if fit.method == "density" else 0.0
     member = widened(member, scan.cloud, doubt, face_m)

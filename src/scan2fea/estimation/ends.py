@@ -22,6 +22,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from scan2fea.estimation.cap_law import Across, cap_ratios, share_like_caps, together, told_across
+from scan2fea.estimation.uneven import unevenness
 from scan2fea.kernel.edge_density import edge_levels
 from scan2fea.types import BoolArray, FloatArray, Value
 
@@ -93,7 +94,7 @@ def run_end(places: FloatArray, sigma_m: float, start_m: float, cap_m: float = 0
     density = max(len(z), 1) / max(float(np.ptp(z)), 1e-300)
     s = max(sigma_m, 1e-3 / density)
     fit = _square(z, s, max(_WINDOW * s, _WINDOW_POINTS / density), float(z.min()), [cap_m], -start_m)[0]
-    excess = _excess(z[z > fit.edge], fit.edge, -start_m)
+    excess = unevenness(z[z > fit.edge], fit.edge, -start_m)
     return RunEnd(edge_m=-fit.edge, std_m=math.sqrt(excess) * fit.std, rho=fit.rho, beyond=fit.clutter / max(fit.rho, 1e-300))
 
 
@@ -204,7 +205,7 @@ def _side(points: FloatArray, rough: tuple[float, float], sigma_m: float, cap_ra
     span = rough[1] - rough[0]
     inside = (z > rough[0] + 0.05 * span) & (z < rough[1] - 0.05 * span)
     density = max(float(inside.sum()), 1.0) / (0.9 * span)
-    excess = _excess(z[inside], rough[0] + 0.05 * span, rough[1] - 0.05 * span)
+    excess = unevenness(z[inside], rough[0] + 0.05 * span, rough[1] - 0.05 * span)
     s = max(sigma_m, 1e-3 / density)
     near = np.abs(z - rough[0]) < min(0.4 * span, max(2 * _WINDOW * s, 5 * _WINDOW_POINTS / density, 0.06 * span))
     xy, z = points[near, :2], z[near]
@@ -213,28 +214,45 @@ def _side(points: FloatArray, rough: tuple[float, float], sigma_m: float, cap_ra
     if len(z) < 8:
         return _Side(fits=(_unknown(rough[0], 0.05 * span, 1.0, rough),) * len(caps), slope=none, slope_std=none, pivot=pivot, excess=excess)
     reach = max(_WINDOW * s, _WINDOW_POINTS / density)
-    s, open_m = _noise_along(z, s, _square(z, s, reach, rough[0], caps[:2]), caps[:2])
-    fits = _square(z, s, reach, rough[0], caps)
-    slope, slope_std = none, none
-    for _ in range(2):  # the second time from points slid along the plane, whose edge is sharp
-        best = max(fits, key=lambda fit: fit.log_likelihood)
-        tilted = _slopes(xy - pivot, z - (xy - pivot) @ slope, s, best) if len(z) >= 9 * _PATCH_POINTS else None
-        if tilted is None:
-            break
-        slope, slope_std = slope + tilted[0], np.sqrt(np.diag(tilted[1]))
-        fits = _square(z - (xy - pivot) @ slope, s, reach, rough[0], caps)
-    if look is not None:
-        body = points[inside, :2]
-        like_caps = share_like_caps(look(body[:: max(1, len(body) // _BODY_POINTS)]))
-        level = z - (xy - pivot) @ slope
-        low, high = min(fit.edge for fit in fits) - _CLOSE * s, max(fit.edge for fit in fits) + _CLOSE * s
-        close = (level > low) & (level < high)
-        beside = (level > high) & (level < high + max(high - low, _BESIDE_POINTS / density))
-        if beside.sum() >= _BESIDE_POINTS / 2:  # what is seen through an open end is no cap either
-            like_caps = max(like_caps, share_like_caps(look(xy[beside])))
-        fits = _seen_across(fits, level[close], s, look(xy[close]).with_like_caps(like_caps))
-    fits = tuple(replace(fit, std=math.hypot(fit.std, open_m)) for fit in fits)
-    return _Side(fits=fits, slope=slope, slope_std=slope_std, pivot=pivot, excess=excess)
+    other, open_m = _noise_along(z, s, _square(z, s, reach, rough[0], caps[:2]), caps[:2])
+    body = points[inside, :2]
+
+    def along(noise: float) -> _Side:
+        fits = _square(z, noise, reach, rough[0], caps)
+        slope, slope_std = none, none
+        for _ in range(2):  # the second time from points slid along the plane, whose edge is sharp
+            best = max(fits, key=lambda fit: fit.log_likelihood)
+            tilted = _slopes(xy - pivot, z - (xy - pivot) @ slope, noise, best) if len(z) >= 9 * _PATCH_POINTS else None
+            if tilted is None:
+                break
+            slope, slope_std = slope + tilted[0], np.sqrt(np.diag(tilted[1]))
+            fits = _square(z - (xy - pivot) @ slope, noise, reach, rough[0], caps)
+        if look is not None:
+            level = z - (xy - pivot) @ slope
+            fits = _looked_across(fits, xy, level, noise, max(noise, s), body, density, look)
+        return _Side(fits=fits, slope=slope, slope_std=slope_std, pivot=pivot, excess=excess)
+
+    found = along(other)
+    if other != s and look is not None:  # a cap in noise that is not normal has sharp borders of its own: where its points lie across says more
+        found = max((along(s), _TOLD), (found, 0.0), key=lambda side: side[1] + max(fit.log_likelihood for fit in side[0].fits))[0]
+    return replace(found, fits=tuple(replace(fit, std=math.hypot(fit.std, open_m)) for fit in found.fits))
+
+
+def _looked_across(
+    fits: tuple[_Fit, ...], xy: FloatArray, level: FloatArray, s: float, widest: float, body: FloatArray, density: float, look: Look
+) -> tuple[_Fit, ...]:
+    """The fits with what the places across the axis say of a cap.
+
+    xy, level : (n, 2), (n,) places across, and along the axis.   widest : of the noises s that are compared: all are asked of the same points.
+    body : (m, 2) places across between the ends.
+    """
+    like_caps = share_like_caps(look(body[:: max(1, len(body) // _BODY_POINTS)]))
+    low, high = min(fit.edge for fit in fits) - _CLOSE * widest, max(fit.edge for fit in fits) + _CLOSE * widest
+    close = (level > low) & (level < high)
+    beside = (level > high) & (level < high + max(high - low, _BESIDE_POINTS / density))
+    if beside.sum() >= _BESIDE_POINTS / 2:  # what is seen through an open end is no cap either
+        like_caps = max(like_caps, share_like_caps(look(xy[beside])))
+    return _seen_across(fits, level[close], s, look(xy[close]).with_like_caps(like_caps))
 
 
 def _noise_along(z: FloatArray, s: float, fits: Sequence[_Fit], caps: list[float]) -> tuple[float, float]:
@@ -268,17 +286,6 @@ def _seen_across(fits: tuple[_Fit, ...], z: FloatArray, s: float, at: Across) ->
         cap = fit.cap * np.exp(-0.5 * v**2) / (s * math.sqrt(2 * math.pi))
         found.append(replace(fit, log_likelihood=fit.log_likelihood + told_across(fit.rho * ndtr(v), cap, fit.clutter, at)))
     return tuple(found)
-
-
-def _excess(z: FloatArray, low: float, high: float) -> float:
-    """Variance over mean of the counts in some 50 equal stretches, slow changes of density taken out; 1 where chance explains it."""
-    n_bins = int(np.clip(len(z) // 20, 1, 50))
-    if n_bins < 8:
-        return 1.0
-    counts = np.histogram(z, n_bins, (low, high))[0]
-    wiggle = (counts[1:-1] - 0.5 * (counts[:-2] + counts[2:])) / math.sqrt(1.5)
-    ratio = float((wiggle**2).mean() / max(counts.mean(), 1e-9))
-    return ratio if ratio > 1 + 4 * math.sqrt(2 / n_bins) else 1.0
 
 
 @dataclass(frozen=True, kw_only=True)

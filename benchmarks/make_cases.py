@@ -209,6 +209,7 @@ def _part(kind: str, size: float, rng: np.random.Generator) -> tuple[Shape, Tria
 def _tee(radius: float, ratio: float, length: float, height: float, chord_m: float) -> Shape:
     """Two round bars that meet at a right angle, fused and meshed by gmsh: along x, and from the axis along z."""
     import gmsh
+    from gmsh_surface import meshed_surface
 
     branch = float(f"{radius * ratio:.3g}")
     gmsh.initialize(interruptible=False)
@@ -219,15 +220,10 @@ def _tee(radius: float, ratio: float, length: float, height: float, chord_m: flo
         occ = gmsh.model.occ
         occ.fuse([(3, occ.addCylinder(-length / 2, 0, 0, length, 0, 0, radius))], [(3, occ.addCylinder(0, 0, 0, 0, 0, height, branch))])
         occ.synchronize()
-        gmsh.model.mesh.generate(2)
-        tags, xyz, _ = gmsh.model.mesh.getNodes()
-        corner = gmsh.model.mesh.getElementsByType(2)[1].reshape(-1, 3)
+        points, faces = meshed_surface()
     finally:
         gmsh.finalize()
-    place = np.zeros(int(tags.max()) + 1, np.int64)
-    place[tags] = np.arange(len(tags))
-    used, faces = np.unique(place[corner], return_inverse=True)
-    mesh = TriangleMesh(vertices=xyz.reshape(-1, 3)[used], faces=faces.reshape(-1, 3))
+    mesh = TriangleMesh(vertices=points, faces=faces)
     x, y, z = np.eye(3)
     lines = [("d", np.array([s * length / 3, 0, 0]), y, 2 * radius) for s in (-1, 1)] + [
         ("d", np.array([s * length / 3, 0, 0]), z, 2 * radius) for s in (-1, 1)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import gmsh
 import numpy as np
+from gmsh_surface import meshed_surface
 
 from scan2fea.kernel.measures import volume
 from scan2fea.types import TriangleMesh
@@ -189,15 +190,9 @@ def meshed(name: str, rng: Rng) -> tuple[TriangleMesh, float]:
         gmsh.model.occ.synchronize()
         left = gmsh.model.getEntities(3)
         assert len(left) == 1, f"{name}: {len(left)} solids"
-        gmsh.model.mesh.generate(2)
-        tags, xyz, _ = gmsh.model.mesh.getNodes()
-        corner = gmsh.model.mesh.getElementsByType(2)[1].reshape(-1, 3)
+        points, faces = meshed_surface()
     finally:
         gmsh.finalize()
-    place = np.zeros(int(tags.max()) + 1, np.int64)
-    place[tags] = np.arange(len(tags))
-    used, faces = np.unique(place[corner], return_inverse=True)
-    points = xyz.reshape(-1, 3)[used]
-    mesh = TriangleMesh(vertices=points - (points.min(0) + points.max(0)) / 2, faces=faces.reshape(-1, 3))
+    mesh = TriangleMesh(vertices=points - (points.min(0) + points.max(0)) / 2, faces=faces)
     assert volume(mesh) > 0, name
     return mesh, wall

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import gmsh
 import numpy as np
+from gmsh_surface import meshed_surface
 from odd_parts import Drawn, Rng, _box, _cut, _prism, _rod
 
 from scan2fea.kernel.measures import volume
@@ -201,15 +202,9 @@ def made(name: str, rng: Rng) -> Workpiece:
         assert len(left) == 1, f"{name}: {len(left)} solids"
         exact = float(occ.getMass(*left[0]))
         kinds = Counter(gmsh.model.getType(*face).lower() for face in gmsh.model.getEntities(2))
-        gmsh.model.mesh.generate(2)
-        tags, xyz, _ = gmsh.model.mesh.getNodes()
-        corner = gmsh.model.mesh.getElementsByType(2)[1].reshape(-1, 3)
+        points, faces = meshed_surface()
     finally:
         gmsh.finalize()
-    place = np.zeros(int(tags.max()) + 1, np.int64)
-    place[tags] = np.arange(len(tags))
-    used, faces = np.unique(place[corner], return_inverse=True)
-    points = xyz.reshape(-1, 3)[used]
-    mesh = TriangleMesh(vertices=points - (points.min(0) + points.max(0)) / 2, faces=faces.reshape(-1, 3))
+    mesh = TriangleMesh(vertices=points - (points.min(0) + points.max(0)) / 2, faces=faces)
     assert abs(volume(mesh) / exact - 1) < 0.005, f"{name}: {volume(mesh)} of {exact}"
     return Workpiece(mesh=mesh, wall_m=wall, faces=dict(kinds), volume_m3=exact)

@@ -217,7 +217,7 @@ class Footing(Value):
     """A plane that an object may rest on: normal . x = offset_m, the normal (3,) towards the object.
 
     sigma_m : of the plane's points across it.   std_m : of its place under the object.   band_m : half the thickness within which points, the
-    object's too, went to the plane.   points : (k, 3) of the plane beside the object.
+    object's too, went to the plane.   points : (k, 3) of the plane beside the object.   is_support : False for the face of another object.
     """
 
     normal: FloatArray
@@ -226,6 +226,7 @@ class Footing(Value):
     std_m: float
     band_m: float
     points: FloatArray
+    is_support: bool = True
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -106,3 +106,12 @@ def test_an_end_above_what_the_plane_takes_hovers_and_a_given_length_stays() -> 
     fixed = replace(member.parameters[2], std_m=None, observable=False, source="fixed")
     member = replace(member, parameters=(*member.parameters[:2], fixed))
     assert standing(member, (plane(-0.004),)) is member
+
+
+def test_an_end_against_another_object_stays_and_is_less_sure() -> None:
+    member = bar(0.3, 0.2, 0.6, POSE)
+    got = standing(member, (replace(plane(-0.004), is_support=False),))
+    assert got.values() == member.values()
+    assert got.T_world_member == pytest.approx(POSE, abs=1e-15)
+    assert got.parameters[-1].std_m == pytest.approx(np.hypot(np.hypot(1e-4, 2e-5), 0.004 / np.sqrt(3)), rel=1e-9)
+    assert got.seated == ()

@@ -56,7 +56,8 @@ def rested(member: Member, contact: FloatArray, spacing_m: float) -> Member:
 def standing(member: Member, footings: Sequence[Footing]) -> Member:
     """The member with each end that stands on a plane at that plane: the points of its foot went to the plane, and it came out short.
 
-    What hovers by less than the plane took looks the same: the length may be off by as much as the end was moved, evenly spread.
+    What hovers by less than the plane took looks the same: the length may be off by as much as the end was moved, evenly spread. An end against
+    another object stays where its points stop, and is known no better than how far that is from the face: either may have points of the other.
     """
     for footing in footings:
         length = member.parameters[-1]
@@ -72,6 +73,9 @@ def standing(member: Member, footings: Sequence[Footing]) -> Member:
         if not -REACH_SIGMAS * member.sigma_m <= gap <= _TAKEN * footing.band_m + REACH_SIGMAS * member.sigma_m:
             continue
         std = math.hypot(length.std_m, footing.std_m, gap / math.sqrt(3))
+        if not footing.is_support:
+            member = _grown(member, length.name, length.value_m, std, np.zeros(3))
+            continue
         moved = _grown(member, length.name, length.value_m + gap, std, np.array([0.0, 0.0, -gap if is_low else 0.0]))
         member = replace(_ended(moved, is_low, normal), seated=(*(name for name in member.seated if name != END), END))
     return member

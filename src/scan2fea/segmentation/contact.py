@@ -63,7 +63,7 @@ def footings(own: PointCloud, cloud: PointCloud, segments: Segments, label: int)
     """
     h = spacing(own.points)
     found = []
-    for plane, below, _ in _planes_at(own.points, cloud, segments, label, h) if h > 0 else ():
+    for plane, below, taken in _planes_at(own.points, cloud, segments, label, h) if h > 0 else ():
         near = below[np.abs(plane.height(below)) <= _BANDS * plane.band_m]
         floor = below[np.abs(plane.height(below)) <= plane.band_m + h]
         height = plane.height(own.points)
@@ -74,7 +74,7 @@ def footings(own: PointCloud, cloud: PointCloud, segments: Segments, label: int)
         near = near[k_nearest(own.points[low], 1, near)[0][:, 0] <= _BESIDE * h + _BANDS * plane.band_m]
         std = plane.sigma_m * math.sqrt(_UNKNOWNS / len(floor))
         sized = {"sigma_m": plane.sigma_m, "std_m": std, "band_m": plane.band_m}
-        found.append(Footing(normal=plane.normal, offset_m=plane.offset, points=near, **sized))
+        found.append(Footing(normal=plane.normal, offset_m=plane.offset, points=near, is_support=len(taken) > 0, **sized))
     return tuple(found)
 
 

@@ -9,11 +9,11 @@ import pytest
 from drawn import drawing, triangles
 from predicates import box, rotation, torus
 from scan2fea.cad import CadOptions, assembly, true_solid
+from scan2fea.cad.compared import Scale, points_lost
 from scan2fea.cad.patches import segmented
 from scan2fea.cad.readback import read_back
 from scan2fea.cad.resting import resting_planes
 from scan2fea.cad.roundings import smooth_share, unexplained, without_roundings
-from scan2fea.cad.solid import _lost, _Scale
 from scan2fea.fea.elements import surface_volume
 from scan2fea.kernel.boundary import boundary_surface
 from scan2fea.kernel.measures import volume
@@ -228,5 +228,5 @@ def test_a_shallow_pocket_that_the_solid_leaves_out_is_told(depth, told):
     weights = rng.dirichlet((1.0, 1.0, 1.0), 30_000)
     points = np.einsum("ni,nij->nj", weights, corners[rng.choice(len(area), 30_000, p=area / area.sum())])
     points += 5e-5 * rng.standard_normal(points.shape)
-    lost = _lost(plain, surface, points, _Scale(spacing_m=0.001, noise_m=5e-5, size_m=0.15))
+    lost = points_lost(plain, surface, points, Scale(spacing_m=0.001, noise_m=5e-5, size_m=0.15))
     assert (lost >= 100) if told else lost == 0

@@ -16,7 +16,8 @@ from scan2fea.cad.patches import GROW_COSINE, Near, Patches
 from scan2fea.cad.resting import LEAST_POINTS
 from scan2fea.cad.roundings import beside, inner_faces
 from scan2fea.cad.surfaces import CLIP, Fit, fit_to_points, simplest
-from scan2fea.kernel.measures import extent
+from scan2fea.kernel.coverage import EXPECTED, is_unmeasured
+from scan2fea.kernel.measures import extent, face_areas
 from scan2fea.kernel.surfaces import CYLINDER, PLANE, Surface
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
 
@@ -25,9 +26,12 @@ EXPLAINED = 0.95  # share of the points of a patch that lie on its neighbours: t
 WIDE = 0.02  # of the area: larger patches are no rounded creases
 
 
-def asked_for(mesh: TriangleMesh, patches: Patches, used: FloatArray, face: IntArray) -> Patches:
-    """The patches without those that the points do not ask for. used : (n, 3) measured.   face : (n,) the face of the mesh next to each."""
-    label = patches.label.copy()
+def asked_for(mesh: TriangleMesh, patches: Patches, used: FloatArray, face: IntArray, density: float = 0.0) -> Patches:
+    """The patches without those that the points do not ask for, or that nobody measured: the wall of a hole that is an unseen place.
+
+    used : (n, 3) measured.   face : (n,) the face of the mesh next to each.   density : of these, per m2; 0 where they need not lie everywhere.
+    """
+    label = _measured(mesh, patches, face, density)
     size = extent(mesh.vertices)
     fits = _fits(mesh, patches, used, face, size)
     told = [f.sigma_m for f in fits if f is not None]
@@ -63,6 +67,22 @@ def asked_for(mesh: TriangleMesh, patches: Patches, used: FloatArray, face: IntA
     packed = np.full(len(surfaces) + 1, -1, np.int64)
     packed[kept] = np.arange(len(kept))
     return Patches(label=packed[label], surfaces=tuple(out[k] for k in kept))
+
+
+def _measured(mesh: TriangleMesh, patches: Patches, face: IntArray, density: float) -> IntArray:
+    """(m,) labels without the round patches that have no points, nor those beside them that are too small to have any (the tip of a drill).
+
+    Of planes the one that an object stands on has none either.
+    """
+    label = patches.label.copy()
+    area = np.bincount(label[label >= 0], weights=face_areas(mesh)[label >= 0], minlength=len(patches.surfaces))
+    count = np.bincount(label[face] + 1, minlength=len(patches.surfaces) + 1)[1:]
+    for k, surface in enumerate(patches.surfaces):
+        if surface.kind != PLANE and is_unmeasured(float(area[k]), int(count[k]), density):
+            rows = np.flatnonzero(label == k)
+            tips = [j for j in beside(Near(mesh, 0), label, rows) if not count[j] and area[j] * density < EXPECTED]
+            label[np.isin(label, [k, *tips])] = -1
+    return label
 
 
 def _fits(mesh: TriangleMesh, patches: Patches, used: FloatArray, face: IntArray, size_m: float) -> list[Fit | None]:

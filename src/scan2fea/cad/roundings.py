@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from scan2fea.cad.patches import Near, Patches
+from scan2fea.kernel.coverage import is_unmeasured
 from scan2fea.kernel.measures import extent, face_areas
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.surfaces import PLANE, Surface
@@ -151,16 +152,22 @@ def free_share(mesh: TriangleMesh, patches: Patches) -> float:
     return float(areas[patches.label < 0].sum() / areas.sum())
 
 
-def unexplained(mesh: TriangleMesh, patches: Patches, reach_m: float) -> float:
-    """Share of the area whose faces reach farther than `reach_m` from every surface next to their free-form part: not the rounding of a crease."""
+def unexplained(mesh: TriangleMesh, patches: Patches, reach_m: float, face: IntArray | None = None, density: float = 0.0) -> float:
+    """Share of the area whose faces reach farther than `reach_m` from every surface next to their free-form part: not the rounding of a crease.
+
+    face : of each measured point, and their density per m2: free form that nobody measured need not be explained.
+    """
     free = np.flatnonzero(patches.label < 0)
     if not len(free):
         return 0.0
     areas, near = face_areas(mesh), Near(mesh, 0)
     n, part = face_components(mesh.faces[free])
     lost = 0.0
+    count = np.zeros(len(areas), np.int64) if face is None else np.bincount(face, minlength=len(areas))
     for number in range(n):
         rows = free[part == number]
+        if is_unmeasured(float(areas[rows].sum()), int(count[rows].sum()), density):
+            continue
         names = np.unique(patches.label[near.of[rows]])
         names = names[names >= 0]
         corners = mesh.vertices[mesh.faces[rows]].reshape(-1, 3)

@@ -11,9 +11,10 @@ import numpy as np
 from scan2fea.cad.boxed import with_exact_box
 from scan2fea.cad.brep import OCC_RESOLUTION_M, CadOptions
 from scan2fea.cad.cells import cell_solid
+from scan2fea.cad.compared import FIT_POINTS, LEFT_OUT, Compared, Scale, compared, faces_of, triangles_of
 from scan2fea.cad.evidence import asked_for
 from scan2fea.cad.fillets import Fillet, fitted_fillets, renumbered, rounded, without_fillets
-from scan2fea.cad.live import is_valid, joined_triangles, moved_by, parts, surface_of, tessellated, volume_of
+from scan2fea.cad.live import is_valid, moved_by, surface_of, volume_of
 from scan2fea.cad.naming import named_faces
 from scan2fea.cad.patches import Patches, segmented
 from scan2fea.cad.readback import ReadBack, read_back
@@ -24,14 +25,10 @@ from scan2fea.cad.step_occ import named, step_of_solid
 from scan2fea.cad.surfaces import Fit, Snap, simplest, snapped
 from scan2fea.cad.tangent import touching
 from scan2fea.errors import CadError
-from scan2fea.kernel.coverage import STRAY_SPACINGS
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import extent, face_areas
-from scan2fea.kernel.measures import volume as enclosed_volume
-from scan2fea.kernel.neighbors import radius_components
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.surfaces import CONE, PLANE, SPHERE, Surface, covariance
-from scan2fea.kernel.topology import surface_topology
 from scan2fea.types import Brep, FloatArray, IntArray, TriangleMesh, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
@@ -41,13 +38,8 @@ MARGINS = (1.0, 3.0, 8.0)  # times the reach by which faces are drawn beyond the
 SMOOTH = 0.5  # share of the borders of patches without an angle: more is free form in pieces (0 to 0.3 on bodies of few faces, 0.83 on a blob)
 UNEXPLAINED = 0.004  # share of the area that may lie on no surface: more is free form
 SCRAPS = 0.01  # of the area: surfaces that a wider tolerance does without
-FIT_POINTS = 60_000
 NO_FILLETS = "rounded edges could not be made"
-LEFT_OUT = "a small face or step was lost"
 FITTED = 30  # points: with fewer inside its region a surface is fitted to those at its border too
-LEAST_LOST = 6  # points: fewer lie side by side by chance
-VOLUME_OFF = 0.03  # of the volume of the surface: reconstructions of thin walls are a little too thick or thin
-CHORD = 0.1  # of the tolerance: how closely the solid is cut into triangles to be compared
 READS_BACK = 1e-6  # relative difference of volume between the shape and its file
 
 
@@ -65,23 +57,13 @@ class Trued(Value):
     how: Mapping[str, Any]
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Scale:
-    """spacing_m of the points.   noise_m : left in the vertices."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Measured(Value):
+    """points : (n, 3).   face : (n,) of the surface, next to each.   density : per m2, 0 where they need not lie everywhere on the surface."""
 
-    spacing_m: float
-    noise_m: float
-    size_m: float
-
-    @property
-    def tolerance_m(self) -> float:
-        """Three standard deviations, and what remeshing moves vertices along a curved surface."""
-        return 3.0 * self.noise_m + 0.02 * self.spacing_m + 1e-6 * self.size_m
-
-    @property
-    def reach_m(self) -> float:
-        """How far the rounding of a crease may lie from its surfaces."""
-        return 1.5 * self.spacing_m + 9.0 * self.noise_m + 1e-6 * self.size_m
+    points: FloatArray
+    face: IntArray
+    density: float
 
 
 def true_solid(
@@ -99,16 +81,18 @@ def true_solid(
     resting : (k, 3) points inferred where the object stands on something, and their normals (k, 3) out of it.
     Nothing is raised where there is none: `reason` says why.
     """
-    scale = _Scale(spacing_m=spacing_m, noise_m=noise_m, size_m=extent(mesh.vertices))
+    scale = Scale(spacing_m=spacing_m, noise_m=noise_m, size_m=extent(mesh.vertices))
     if not options.true_faces:
         return _none("cad.true_faces is off")
     reason = ""
     stands = [] if resting is None else resting_planes(*resting, scale.tolerance_m)
     known = [r.surface for r in stands]
     used = points[sampled_rows(len(points), FIT_POINTS, 0)]
-    near = used, PointToMesh(mesh).nearest(used).face
+    at = PointToMesh(mesh).nearest(used)
+    is_given = float(at.distance.max(initial=0.0)) <= 1e-9 * scale.size_m  # vertices of the surface lie where its triangles end, not everywhere
+    near = Measured(points=used, face=at.face, density=0.0 if is_given else len(used) / float(face_areas(mesh).sum()))
     for factor, patches, sharp, fillets in _candidates(mesh, near, known, scale):
-        lost = unexplained(mesh, patches, factor * scale.reach_m)
+        lost = unexplained(mesh, patches, factor * scale.reach_m, near.face, near.density)
         said = _refused(patches, lost)
         if said:
             reason = reason or said
@@ -130,11 +114,8 @@ def true_solid(
 _Candidate = tuple[float, Patches, Patches, tuple[Fillet, ...]]  # times the tolerance; patches; these without fillets; fillets
 
 
-def _candidates(mesh: TriangleMesh, near: tuple[FloatArray, IntArray], known: list[Surface], scale: _Scale) -> Iterator[_Candidate]:
-    """The segmentations, the tight one first unless what it has more than the wide one are scraps: rounded creases in pieces.
-
-    near : points and the face of the mesh next to each.
-    """
+def _candidates(mesh: TriangleMesh, near: Measured, known: list[Surface], scale: Scale) -> Iterator[_Candidate]:
+    """The segmentations, the tight one first unless what it has more than the wide one are scraps: rounded creases in pieces."""
     made = (_candidate(mesh, near, known, scale, factor) for factor in TOLERANCES)
     tight = next(made)
     if smooth_share(mesh, tight[2]) > SMOOTH:
@@ -146,16 +127,19 @@ def _candidates(mesh: TriangleMesh, near: tuple[FloatArray, IntArray], known: li
     sizes = np.sort(np.bincount(tight[1].label + 1, weights=area, minlength=len(tight[1].surfaces) + 1)[1:])
     more = len(tight[1].surfaces) - len(wide[1].surfaces)
     scraps = more > 0 and float(sizes[:more].sum()) <= SCRAPS * float(area.sum()) and len(wide[3]) >= len(tight[3])
-    wide_first = scraps and not _refused(wide[1], unexplained(mesh, wide[1], wide[0] * scale.reach_m))
+    wide_first = scraps and not _refused(wide[1], unexplained(mesh, wide[1], wide[0] * scale.reach_m, near.face, near.density))
     yield from (wide, tight) if wide_first else (tight, wide)
 
 
-def _candidate(mesh: TriangleMesh, near: tuple[FloatArray, IntArray], known: list[Surface], scale: _Scale, factor: float) -> _Candidate:
+def _candidate(mesh: TriangleMesh, near: Measured, known: list[Surface], scale: Scale, factor: float) -> _Candidate:
+    def evident(given: Patches) -> Patches:
+        return asked_for(mesh, without_roundings(mesh, given, factor * scale.reach_m, known), near.points, near.face, near.density)
+
     found = segmented(mesh, factor * scale.tolerance_m, known)
-    patches = asked_for(mesh, without_roundings(mesh, found, factor * scale.reach_m, known), *near)
-    sharp, fillets = without_fillets(mesh, found, factor * scale.tolerance_m, *near, scale.tolerance_m)
+    patches = evident(found)
+    sharp, fillets = without_fillets(mesh, found, factor * scale.tolerance_m, near.points, near.face, scale.tolerance_m)
     if fillets:
-        sharp, fillets = renumbered(asked_for(mesh, without_roundings(mesh, sharp, factor * scale.reach_m, known), *near), sharp, fillets)
+        sharp, fillets = renumbered(evident(sharp), sharp, fillets)
     return factor, patches, sharp if fillets else patches, fillets
 
 
@@ -175,7 +159,7 @@ def _built(
     mesh: TriangleMesh,
     points: FloatArray,
     patches: Patches,
-    scale: _Scale,
+    scale: Scale,
     stands: Sequence[Resting],
     fillets: Sequence[Fillet] = (),
     *,
@@ -196,9 +180,10 @@ def _built(
             local, (points - middle) * mm, patches, best if is_whole else as_found, scale.spacing_m * mm, scale.noise_m * mm, scale.reach_m * mm
         )  # fmt: skip
         if turned is not None:
-            reason = _problem(turned, mesh, points, middle, scale)
+            found = compared(turned, mesh, points, middle, scale)
+            reason = found.problem
             if not reason:
-                return _result(turned, middle, scale, ())
+                return _result(turned, middle, scale, (), found)
         reason = f"turned about an axis: {reason}; "
     if not may_cut:
         return _none(reason)
@@ -216,9 +201,10 @@ def _built(
             solid, problem = _with_fillets(solid, fillets, drawn, local)
             if problem == NO_FILLETS:  # wider faces meet in the same edges
                 return _none(f"{reason}{len(fillets)} {problem}")
-            problem = problem or _problem(solid, mesh, points, middle, scale)
+            found = Compared(problem=problem) if problem else compared(solid, mesh, points, middle, scale)
+            problem = found.problem
             if not problem:
-                return _result(solid, middle, scale, snaps, fillets)
+                return _result(solid, middle, scale, snaps, found, fillets)
             first = problem if problem.endswith(LEFT_OUT) else first or problem
         if first.endswith(LEFT_OUT):  # the surfaces as they were found leave it out too
             break
@@ -236,7 +222,7 @@ def _with_fillets(solid: Any | None, fillets: Sequence[Fillet], drawn: Sequence[
 
 
 def _fits(
-    mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: _Scale, stands: Sequence[Resting] = ()
+    mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: Scale, stands: Sequence[Resting] = ()
 ) -> tuple[list[Surface], tuple[Snap, ...], bool]:
     """The surfaces fitted to the measured points of their regions, away from borders, with relations applied. One with too few points stays as the
     vertices of its patch have it; the last value tells whether there was none.
@@ -262,7 +248,7 @@ def _fits(
     return [f.surface for f in out], tuple(snaps), is_whole
 
 
-def _of_vertices(surface: Surface, vertices: FloatArray, scale: _Scale) -> Fit:
+def _of_vertices(surface: Surface, vertices: FloatArray, scale: Scale) -> Fit:
     """The surface of a patch as it was found."""
     sigma = max(scale.tolerance_m / 3, surface.rms_m)
     return Fit(surface=surface, points=vertices, sigma_m=sigma, covariance=covariance(surface, vertices, sigma))
@@ -275,65 +261,9 @@ def _in_mm(surface: Surface, middle: FloatArray) -> Surface:
     )  # fmt: skip
 
 
-def _faces(solid: Any) -> list[Any]:
-    from OCP.TopAbs import TopAbs_FACE
-
-    return parts(solid, TopAbs_FACE)
-
-
-def _problem(solid: Any, mesh: TriangleMesh, points: FloatArray, middle: FloatArray, scale: _Scale) -> str:
-    """The first way in which the solid is not that of the surface; empty where there is none."""
-    from OCP.TopAbs import TopAbs_SOLID
-
-    if len(parts(solid, TopAbs_SOLID)) != 1 or not is_valid(solid):
-        return "the faces close no valid solid"
-    volume, wanted = volume_of(solid) / MILLIMETRES_PER_METRE**3, enclosed_volume(mesh)
-    if abs(volume / wanted - 1) > VOLUME_OFF:
-        return f"the solid of true faces holds {volume / wanted - 1:+.1%} of the volume of the surface more"
-    shown, _ = triangles_of(solid, middle, scale.tolerance_m)
-    through = surface_topology(shown).n_handles, surface_topology(mesh).n_handles
-    if through[0] != through[1]:
-        return f"{through[0]} holes go through the solid of true faces, {through[1]} through the surface"
-    off = PointToMesh(shown).nearest(mesh.vertices).distance
-    back = PointToMesh(mesh).nearest(shown.vertices[np.unique(shown.faces)]).distance
-    limit = 2 * scale.reach_m + 2 * scale.tolerance_m
-    if np.percentile(off, 95) > 2 * scale.tolerance_m + 0.2 * scale.spacing_m or off.max() > limit or back.max() > 2 * limit:
-        return (
-            f"the true faces lie off the surface: 95 % of it within {np.percentile(off, 95) * 1e3:.3g} mm, at most {off.max() * 1e3:.3g} mm, "
-            f"corners {back.max() * 1e3:.3g} mm"
-        )
-    lost = _lost(shown, mesh, points, scale)
-    if lost:
-        return f"{lost} points side by side lie on the surface and off the true faces: {LEFT_OUT}"
-    return ""
-
-
-def _lost(shown: TriangleMesh, mesh: TriangleMesh, points: FloatArray, scale: _Scale) -> int:
-    """How many points the largest part of the surface holds that the solid does not follow; 0 below what a face needs to be told from roundings.
-
-    A point is off where it lies farther from the solid than from the surface by more than half a spacing and what surfaces may differ by: its own
-    noise is in both distances. A face is told from two rounded creases beside each other where it is wider than both: as many points as lie on a
-    square of that side, 9 without noise.
-    """
-    used = points[sampled_rows(len(points), FIT_POINTS, 0)]
-    spacing = scale.spacing_m * (len(points) / len(used)) ** 0.5
-    least = max(LEAST_LOST, round((2.0 * scale.reach_m / spacing) ** 2))
-    more = PointToMesh(shown).nearest(used).distance - PointToMesh(mesh).nearest(used).distance
-    off = used[more > scale.tolerance_m + STRAY_SPACINGS * scale.spacing_m]
-    if len(off) < least:
-        return 0
-    largest = int(np.bincount(radius_components(off, 2.0 * spacing)).max())
-    return largest if largest >= least else 0
-
-
-def triangles_of(solid: Any, middle: FloatArray, tolerance_m: float) -> tuple[TriangleMesh, IntArray]:
-    """The solid's triangles in metres where they are, and the face of each."""
-    tessellated(solid, max(CHORD * tolerance_m * MILLIMETRES_PER_METRE, 1e-3))
-    mesh, face = joined_triangles(_faces(solid))
-    return TriangleMesh(vertices=mesh.vertices / MILLIMETRES_PER_METRE + middle, faces=mesh.faces, face_region=face), face
-
-
-def _result(solid: Any, middle: FloatArray, scale: _Scale, snaps: tuple[Snap, ...], fillets: Sequence[Fillet] = ()) -> Trued:
+def _result(
+    solid: Any, middle: FloatArray, scale: Scale, snaps: tuple[Snap, ...], proved: Compared, fillets: Sequence[Fillet] = ()
+) -> Trued:
     """The file, proved by reading it back, and the triangles of its faces in their order."""
     placed = moved_by(solid, middle * MILLIMETRES_PER_METRE)
     try:
@@ -349,7 +279,7 @@ def _result(solid: Any, middle: FloatArray, scale: _Scale, snaps: tuple[Snap, ..
     if order is None:
         return _none("the faces of the STEP file are not those that were written")
     mesh = replace(mesh, face_region=order[face])
-    made = [_in_m(surface_of(f), middle) for f in _faces(solid)]
+    made = [_in_m(surface_of(f), middle) for f in faces_of(solid)]
     surfaces = [made[k] for k in np.argsort(order)]
     kinds, names = tuple(s.kind for s in surfaces), named_faces(mesh, surfaces)
     brep = Brep(
@@ -358,7 +288,7 @@ def _result(solid: Any, middle: FloatArray, scale: _Scale, snaps: tuple[Snap, ..
         n_solids=found.n_solids, n_free_edges=found.n_free_edges, face_centre=found.face_centre, face_area=found.face_area,
     )  # fmt: skip
     boxed = with_exact_box(brep, placed, mesh, OCC_RESOLUTION_M)
-    return Trued(brep=boxed, mesh=mesh, reason="", snaps=snaps, how=_told(snaps, brep, fillets))
+    return Trued(brep=boxed, mesh=mesh, reason="", snaps=snaps, how=_told(snaps, brep, proved, fillets))
 
 
 def _in_m(surface: Surface, middle: FloatArray) -> Surface:
@@ -382,9 +312,11 @@ def _order(mesh: TriangleMesh, face: IntArray, found: ReadBack) -> IntArray | No
     return order if len(np.unique(order)) == n else None
 
 
-def _told(snaps: Sequence[Snap], brep: Brep, fillets: Sequence[Fillet]) -> dict[str, Any]:
+def _told(snaps: Sequence[Snap], brep: Brep, proved: Compared, fillets: Sequence[Fillet]) -> dict[str, Any]:
     kinds = {kind: brep.face_kinds.count(kind) for kind in sorted(set(brep.face_kinds))}
     radii = {"fillets": [{"radius_m": f.radius_m, "std_m": f.std_m} for f in fillets]} if fillets else {}
-    return radii | {"faces": kinds, "snaps": sum(s.applied for s in snaps), "refused": sum(not s.applied for s in snaps)}
+    solid, surface = proved.holes
+    holes = {"holes": {"solid": solid, "surface": surface}} if solid != surface else {}
+    return radii | holes | {"faces": kinds, "snaps": sum(s.applied for s in snaps), "refused": sum(not s.applied for s in snaps)}
 
 

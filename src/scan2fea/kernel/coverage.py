@@ -16,6 +16,8 @@ HOLE_SPACINGS = 5.0  # a place within this of a measured point lies in a small h
 NOISE_SIGMAS = 3.0
 STRAY_SPACINGS = 0.5  # half a spacing is as far as a surface between points may cut a corner
 MAX_ROWS = 12  # rows of samples across a face
+EXPECTED = 9.0  # points: where so many should lie chance leaves none once in e^9 = 8,000 times
+HARDLY = 0.05  # of them: strays
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -110,6 +112,12 @@ def face_origin(mesh: TriangleMesh, points: FloatArray, is_inferred: BoolArray |
     votes = np.stack([np.bincount(face[origin == kind], minlength=len(mesh.faces)) for kind in (MEASURED, INTERPOLATED, INVENTED)], axis=1)
     backed = votes.cumsum(axis=1) * 2 >= votes.sum(axis=1, keepdims=True)  # the middle sample decides, ties to the better
     return np.asarray(backed.argmax(axis=1), np.int64)
+
+
+def is_unmeasured(area_m2: float, n_points: int, density: float) -> bool:
+    """Whether nobody measured a part of a surface: next to no point lies where there would be some at the scan's density, per m2."""
+    expected = area_m2 * density
+    return expected >= EXPECTED and n_points <= HARDLY * expected
 
 
 def measured_part(mesh: TriangleMesh, origin: IntArray) -> TriangleMesh:

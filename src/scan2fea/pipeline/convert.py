@@ -250,7 +250,8 @@ def _verify_geometry(made: Made) -> None:
     ratio = made.thickness[-1] / made.thickness[first]
     thicker = float(np.median(ratio[np.isfinite(ratio)])) - 1 if np.isfinite(ratio).any() else np.nan
     settled = steps.index("repair") if made.member is None else 0  # repair may cut handles of noise; after it none may come or go
-    holes = made.handles[-1] - made.handles[settled]
+    told = made.how.get("cad_holes", {"solid": 0, "surface": 0})  # where true faces are right and the surface is not
+    holes = made.handles[-1] - made.handles[settled] - (told["solid"] - told["surface"])
     made.checks += drift_checks(made.drift[-1]["volume_m3"], made.drift[first]["volume_m3"], thicker, holes)
     made.checks += [*tet_checks(tets, enclosed), *brep_checks(brep, enclosed)]
 

@@ -213,6 +213,9 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
         row["reason"] += f"; {share} of the surface was not seen: it {' or '.join(rests + walls)}"
     if found.name == "converted" and "new_boundary" in made.how:
         row["reason"] += f"; the surface given could not be repaired ({made.how['new_boundary']}): it is the boundary that fTetWild found"
+    if found.name == "converted" and "cad_holes" in made.how:
+        holes = made.how["cad_holes"]
+        row["reason"] += f"; {holes['solid']} holes go through, the surface had {holes['surface']}: where they differ no point was measured"
     if found.name == "converted" and made.tets is not None and made.how.get("over_budget"):
         row["reason"] += f"; it took {len(made.tets.tets)} elements, tetmeshing.max_elements is {made.how['max_elements']}"
     return dict(finite_tree({key: value for key, value in row.items() if value is not None}))

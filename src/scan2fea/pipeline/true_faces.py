@@ -5,11 +5,15 @@ Where one fails the surface goes the way of free form (triangles to facets), and
 
 from __future__ import annotations
 
-from scan2fea.cad import BOX_OFF, CadOptions, Trued, box_off_m
+import numpy as np
+
+from scan2fea.cad import BOX_OFF, LEAST_LOST, CadOptions, Trued, box_off_m
 from scan2fea.errors import StageError
 from scan2fea.kernel.boundary import boundary_surface
-from scan2fea.kernel.coverage import deviation
+from scan2fea.kernel.coverage import NOISE_SIGMAS, REACH_SPACINGS, deviation
+from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import extent
+from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.pipeline.config import Config
 from scan2fea.pipeline.faces_worker import true_solid_in_child
 from scan2fea.pipeline.part import Made, Part
@@ -67,13 +71,14 @@ def _built(
         made.how["cad_reason"] = f"true faces were found but not meshed: {error}"
         return None
     tets = filled.value.tets
-    problem = _problem(made, tets)
+    problem = _problem(made, tets) or _seen_through(made, found.value, surface.value)
     if problem:
         made.how["cad_reason"] = problem
         return None
     made.brep, made.tets, made.snaps = found.value.brep, tets, found.value.snaps
     made.how.update(filled.value.how)
     made.how["cad_route"], made.how["cad_reason"] = TRUE, ""
+    made.how.update({"cad_holes": dict(found.value.how["holes"])} if "holes" in found.value.how else {})
     return Tracked(tets, filled.key)
 
 
@@ -114,6 +119,23 @@ def _problem(made: Made, tets: TetMesh) -> str:
     checks = (*deviation_checks(off, made.spacing_m, made.sigma_m), *free_form_checks(off, 1.0))
     failed = [check for check in checks if not check.passed]
     return f"true faces were found, but {failed[0].says}" if failed else ""
+
+
+def _seen_through(made: Made, found: Trued, surface: TriangleMesh) -> str:
+    """Whether sight lines pass through true faces that close a hole of the surface: then it is the surface that was seen."""
+    if "holes" not in found.how or made.sensor != "known":
+        return ""
+    cloud, solid = made.part.scan.cloud, _both(found)[0]
+    own = np.arange(len(cloud)) if cloud.is_inferred is None else np.flatnonzero(~cloud.is_inferred)
+    origin = made.part.scan.sensors(own)
+    way = cloud.points[own] - origin
+    enters, _ = first_hits(scene_of(solid), origin, way)  # 1: at the point itself
+    reach = REACH_SPACINGS * made.spacing_m + NOISE_SIGMAS * made.sigma_m
+    passed = np.flatnonzero((1 - enters) * np.linalg.norm(way, axis=1) > reach)
+    off = PointToMesh(surface).nearest(origin[passed] + enters[passed, None] * way[passed]).distance
+    n_passed, holes = int(np.sum(off > reach)), found.how["holes"]
+    said = f"{holes['solid']} holes go through the true faces, {holes['surface']} through the surface"
+    return f"{said}, and {n_passed} sight lines pass where the true faces close it" if n_passed >= LEAST_LOST else ""
 
 
 def _misplaced(mesh: TriangleMesh, brep: Brep) -> str:

@@ -1,0 +1,134 @@
+"""Is a solid of true faces that of the surface and of its points? Volume, distances both ways, points left out, holes that go through."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from scan2fea.cad.live import is_valid, joined_triangles, parts, tessellated, volume_of
+from scan2fea.kernel.coverage import STRAY_SPACINGS, is_unmeasured
+from scan2fea.kernel.distances import PointToMesh
+from scan2fea.kernel.measures import face_areas
+from scan2fea.kernel.measures import volume as enclosed_volume
+from scan2fea.kernel.neighbors import radius_components
+from scan2fea.kernel.noise import sampled_rows
+from scan2fea.kernel.topology import surface_topology
+from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
+from scan2fea.units import MILLIMETRES_PER_METRE
+
+FIT_POINTS = 60_000
+LEFT_OUT = "a small face or step was lost"
+LEAST_LOST = 6  # points: fewer lie side by side by chance
+VOLUME_OFF = 0.03  # of the volume of the surface: reconstructions of thin walls are a little too thick or thin
+CHORD = 0.1  # of the tolerance: how closely the solid is cut into triangles to be compared
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scale:
+    """spacing_m of the points.   noise_m : left in the vertices."""
+
+    spacing_m: float
+    noise_m: float
+    size_m: float
+
+    @property
+    def tolerance_m(self) -> float:
+        """Three standard deviations, and what remeshing moves vertices along a curved surface."""
+        return 3.0 * self.noise_m + 0.02 * self.spacing_m + 1e-6 * self.size_m
+
+    @property
+    def reach_m(self) -> float:
+        """How far the rounding of a crease may lie from its surfaces."""
+        return 1.5 * self.spacing_m + 9.0 * self.noise_m + 1e-6 * self.size_m
+
+    @property
+    def stray_m(self) -> float:
+        """Farther from the solid than this lies no place that is on it: its noise, and what a surface cuts off between points."""
+        return self.tolerance_m + STRAY_SPACINGS * self.spacing_m
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compared:
+    """problem : the first way in which the solid is not that of the surface, "" where there is none.
+
+    holes : that go through the solid, and through the surface; these differ only where nobody measured what the surface has.
+    """
+
+    problem: str
+    holes: tuple[int, int] = (0, 0)
+
+
+def compared(solid: Any, mesh: TriangleMesh, points: FloatArray, middle: FloatArray, scale: Scale) -> Compared:
+    """The solid (millimetres around `middle`) against the surface and the measured points, metres.
+
+    Where another number of holes goes through them, one of the two invents: a hole that nobody saw the wall of, or a skin over one. The surface
+    does where it runs off the solid and not a point lies there: each true face has its points, and the surface has a face more. Else it stands.
+    """
+    from OCP.TopAbs import TopAbs_SOLID
+
+    if len(parts(solid, TopAbs_SOLID)) != 1 or not is_valid(solid):
+        return Compared(problem="the faces close no valid solid")
+    volume, wanted = volume_of(solid) / MILLIMETRES_PER_METRE**3, enclosed_volume(mesh)
+    if abs(volume / wanted - 1) > VOLUME_OFF:
+        return Compared(problem=f"the solid of true faces holds {volume / wanted - 1:+.1%} of the volume of the surface more")
+    shown, _ = triangles_of(solid, middle, scale.tolerance_m)
+    holes = surface_topology(shown).n_handles, surface_topology(mesh).n_handles
+    off: FloatArray = PointToMesh(shown).nearest(mesh.vertices).distance
+    if holes[0] != holes[1]:
+        invented = _invented(mesh, points, np.asarray(off > scale.stray_m))
+        if not invented.any():
+            return Compared(problem=f"{holes[0]} holes go through the solid of true faces, {holes[1]} through the surface")
+        off = off[~invented]
+    back = PointToMesh(mesh).nearest(shown.vertices[np.unique(shown.faces)]).distance
+    limit = 2 * scale.reach_m + 2 * scale.tolerance_m
+    if np.percentile(off, 95) > 2 * scale.tolerance_m + 0.2 * scale.spacing_m or off.max() > limit or back.max() > 2 * limit:
+        said = f"95 % of it within {np.percentile(off, 95) * 1e3:.3g} mm, at most {off.max() * 1e3:.3g} mm, corners {back.max() * 1e3:.3g} mm"
+        return Compared(problem=f"the true faces lie off the surface: {said}")
+    lost = points_lost(shown, mesh, points, scale)
+    if lost:
+        return Compared(problem=f"{lost} points side by side lie on the surface and off the true faces: {LEFT_OUT}")
+    return Compared(problem="", holes=holes)
+
+
+def _invented(mesh: TriangleMesh, points: FloatArray, is_off: BoolArray) -> BoolArray:
+    """(n,) vertices of the faces that run off the solid, where next to no point lies on these; none where points do, or none need lie there."""
+    faces = np.asarray(is_off[mesh.faces].all(axis=1), bool)
+    used = points[sampled_rows(len(points), FIT_POINTS, 0)]
+    areas, own = face_areas(mesh), faces[PointToMesh(mesh).nearest(used).face]
+    out = np.zeros(len(mesh.vertices), bool)
+    if is_unmeasured(float(areas[faces].sum()), int(own.sum()), len(used) / float(areas.sum())):
+        out[mesh.faces[faces]] = True
+    return out
+
+
+def points_lost(shown: TriangleMesh, mesh: TriangleMesh, points: FloatArray, scale: Scale) -> int:
+    """How many points the largest part of the surface holds that the solid does not follow; 0 below what a face needs to be told from roundings.
+
+    A point is off where it lies farther from the solid than from the surface by more than half a spacing and what surfaces may differ by: its own
+    noise is in both distances. A face is told from two rounded creases beside each other where it is wider than both: as many points as lie on a
+    square of that side, 9 without noise.
+    """
+    used = points[sampled_rows(len(points), FIT_POINTS, 0)]
+    spacing = scale.spacing_m * (len(points) / len(used)) ** 0.5
+    least = max(LEAST_LOST, round((2.0 * scale.reach_m / spacing) ** 2))
+    more = PointToMesh(shown).nearest(used).distance - PointToMesh(mesh).nearest(used).distance
+    off = used[more > scale.stray_m]
+    if len(off) < least:
+        return 0
+    largest = int(np.bincount(radius_components(off, 2.0 * spacing)).max())
+    return largest if largest >= least else 0
+
+
+def triangles_of(solid: Any, middle: FloatArray, tolerance_m: float) -> tuple[TriangleMesh, IntArray]:
+    """The solid's triangles in metres where they are, and the face of each."""
+    tessellated(solid, max(CHORD * tolerance_m * MILLIMETRES_PER_METRE, 1e-3))
+    mesh, face = joined_triangles(faces_of(solid))
+    return TriangleMesh(vertices=mesh.vertices / MILLIMETRES_PER_METRE + middle, faces=mesh.faces, face_region=face), face
+
+
+def faces_of(solid: Any) -> list[Any]:
+    from OCP.TopAbs import TopAbs_FACE
+
+    return parts(solid, TopAbs_FACE)

@@ -1,0 +1,81 @@
+"""A solid of true faces and a surface with another number of holes: which of the two invents, the measured points say."""
+
+import numpy as np
+import pytest
+
+from drawn import drawing, triangles
+from scan2fea.cad import true_solid
+from scan2fea.kernel.coverage import EXPECTED, is_unmeasured
+from scan2fea.kernel.distances import sample_surface
+from scan2fea.kernel.measures import area, volume
+from scan2fea.types import TriangleMesh
+
+SPACING, NOISE = 0.0012, 5e-5
+RADIUS, MIDDLE = 0.005, np.array([0.03, 0.025, 0.0])
+BOX = 0.06 * 0.05 * 0.012
+BORE = np.pi * RADIUS**2 * 0.012
+
+
+def plate(*tools):
+    """The surface of a plate, cut by solids of revolution about its middle: (height, next height, radius, next radius) each."""
+    with drawing() as occ:
+        body = [(3, occ.addBox(0, 0, 0, 0.06, 0.05, 0.012))]
+        for low, high, first, last in tools:
+            at = (MIDDLE[0], MIDDLE[1], low, 0, 0, high - low)
+            tool = occ.addCylinder(*at, first) if first == last else occ.addCone(*at, first, last)
+            body, _ = occ.cut(body, [(3, tool)])
+        mesh = triangles(0.0015)
+    return mesh if volume(mesh) > 0 else TriangleMesh(vertices=mesh.vertices, faces=mesh.faces[:, ::-1])
+
+
+BORED = plate((-0.01, 0.02, RADIUS, RADIUS))
+DRILLED = plate((0.0045, 0.02, RADIUS, RADIUS), (0.0015, 0.0045, 0.0008, RADIUS))  # a drill's tip leaves a skin
+
+
+def scanned(mesh):
+    """Noisy points, SPACING apart."""
+    points, _ = sample_surface(mesh, round(area(mesh) / SPACING**2), 0)
+    return points + NOISE * np.random.default_rng(0).standard_normal(points.shape)
+
+
+def found(surface, points):
+    rough = surface.vertices + NOISE * np.random.default_rng(1).standard_normal(surface.vertices.shape)
+    return true_solid(TriangleMesh(vertices=rough, faces=surface.faces), points, spacing_m=SPACING, noise_m=NOISE)
+
+
+def test_a_hole_whose_wall_nobody_saw_is_an_unseen_place():
+    points = scanned(plate())
+    seen = points[np.linalg.norm((points - MIDDLE)[:, :2], axis=1) > RADIUS]
+    solid = found(BORED, seen)
+    assert solid.brep.face_kinds == ("plane",) * 6
+    assert solid.how["holes"] == {"solid": 0, "surface": 1}
+    assert solid.brep.volume_m3 == pytest.approx(BOX, rel=2e-3)
+
+
+def test_a_hole_with_points_on_its_wall_stays():
+    solid = found(BORED, scanned(BORED))
+    assert sorted(solid.brep.face_kinds) == ["cylinder"] + ["plane"] * 6
+    assert "holes" not in solid.how
+    assert solid.brep.volume_m3 == pytest.approx(BOX - BORE, rel=2e-3)
+
+
+def test_a_skin_over_a_hole_where_nobody_looked_is_none():
+    points = scanned(BORED)
+    seen = points[np.linalg.norm(points - MIDDLE, axis=1) > 0.007]
+    solid = found(DRILLED, seen)
+    assert sorted(solid.brep.face_kinds) == ["cylinder"] + ["plane"] * 6
+    assert solid.how["holes"] == {"solid": 1, "surface": 0}
+    assert solid.brep.volume_m3 == pytest.approx(BOX - BORE, rel=2e-3)
+
+
+def test_a_bottom_that_was_measured_stays():
+    blind = plate((0.0015, 0.02, RADIUS, RADIUS))
+    solid = found(blind, scanned(blind))
+    assert sorted(solid.brep.face_kinds) == ["cylinder"] + ["plane"] * 7
+    assert "holes" not in solid.how
+    assert solid.brep.volume_m3 == pytest.approx(BOX - BORE * 10.5 / 12, rel=2e-3)
+
+
+@pytest.mark.parametrize(("expected", "n", "unseen"), [(EXPECTED, 0, True), (0.999 * EXPECTED, 0, False), (20.0, 1, True), (19.9, 1, False)])
+def test_a_part_is_unmeasured_where_chance_would_leave_points(expected, n, unseen):
+    assert is_unmeasured(expected / 100, n, 100.0) is unseen

@@ -16,6 +16,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+import case_shapes
 import make_cases
 import numpy as np
 
@@ -50,8 +51,8 @@ def main() -> None:
 def written(folder: Path, kind: str, chosen: argparse.Namespace, rng: np.random.Generator) -> str:
     """One case: station files, the true meshes and truth.json; returns its title."""
     size = float(math.exp(rng.uniform(math.log(0.2), math.log(0.6))))
-    is_member = kind in make_cases.MEMBERS
-    shape, mesh, wall = make_cases._member(kind, 0.4 * size, rng) if is_member else make_cases._part(kind, size, rng)
+    is_member = kind in case_shapes.MEMBERS
+    shape, mesh, wall = case_shapes.member_shape(kind, 0.4 * size, rng) if is_member else case_shapes.part_shape(kind, size, rng)
     T = _standing(mesh, rng, chosen.side if is_member else None, chosen.lift)
     world = posed(mesh, T)
     spacing = max((wall or 0.04 * size) / 2.5, math.sqrt(area(world) / 120_000))
@@ -64,7 +65,7 @@ def written(folder: Path, kind: str, chosen: argparse.Namespace, rng: np.random.
     (folder / "truth").mkdir(parents=True, exist_ok=True)
     files = [f"station{k:02d}.pcd" for k in range(len(lab.scans))]
     for name, scan, place in zip(files, lab.scans, stations, strict=True):
-        (folder / name).write_bytes(make_cases._pcd(scan.cloud.points, tuple(place)))
+        (folder / name).write_bytes(make_cases.pcd(scan.cloud.points, tuple(place)))
     for thing in things:
         write_mesh_ply(folder / "truth" / f"{thing.name}.ply", thing.mesh)
     title = f"{kind} on the floor, {len(files)} stations, {sigma * 1e3:.3g} mm, seen {lab.seen[1]:.2f}"

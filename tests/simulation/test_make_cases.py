@@ -46,9 +46,34 @@ def test_points_lie_where_the_truth_says_with_its_noise(cases):
         assert truth["expect"] in ("convert", "may_fail")
 
 
-def test_same_seed_same_bytes(cases, tmp_path):
-    command = [sys.executable, str(SCRIPT), str(tmp_path), "--n", "2", "--seed", "5", "--points", "3000"]
+@pytest.fixture(scope="module")
+def hard_cases(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("hard")
+    command = [sys.executable, str(SCRIPT), str(folder), "--n", "24", "--seed", "5", "--points", "2000", "--hard"]
     subprocess.run(command, check=True, capture_output=True)
+    return folder
+
+
+def test_hard_cases_show_the_object_that_they_say_among_their_strays(hard_cases):
+    ways = set()
+    for folder in sorted(hard_cases.iterdir()):
+        truth = json.loads((folder / "truth.json").read_text())
+        mesh = read_mesh(folder / truth["objects"][0]["mesh"])
+        scans = [read_scan(folder / f, InputOptions(unit=truth["unit"])).scan for f in truth["files"]]
+        points = np.concatenate([s.cloud.points for s in scans])
+        assert len(points) == truth["n_points"]
+        off = distance_to_mesh(points, mesh).distance
+        on_it = np.mean(off < 6 * truth["noise_sd_m"] + 2e-7 * np.abs(points).max() + 1e-6)
+        assert on_it > (0.8 if "strays" in truth["title"] else 0.995), truth["title"]
+        assert len(scans) == 1 or all(np.isfinite(s.sensors()).all() for s in scans if len(s.cloud))
+        ways |= {way for way in ("cut", "never seen", "not told", "strays", "laplace", "uniform") if way in truth["title"]}
+    assert len(ways) == 6
+
+
+@pytest.mark.parametrize(("made", "how"), [("cases", []), ("hard_cases", ["--hard"])])
+def test_same_seed_same_bytes(made, how, request, tmp_path):
+    points = "2000" if how else "3000"
+    subprocess.run([sys.executable, str(SCRIPT), str(tmp_path), "--n", "2", "--seed", "5", "--points", points, *how], check=True, capture_output=True)
     for path in tmp_path.rglob("*"):
         if path.is_file():
-            assert path.read_bytes() == (cases / path.relative_to(tmp_path)).read_bytes()
+            assert path.read_bytes() == (request.getfixturevalue(made) / path.relative_to(tmp_path)).read_bytes()

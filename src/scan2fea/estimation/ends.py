@@ -93,7 +93,7 @@ def run_end(places: FloatArray, sigma_m: float, start_m: float, cap_m: float = 0
     z = -places
     density = max(len(z), 1) / max(float(np.ptp(z)), 1e-300)
     s = max(sigma_m, 1e-3 / density)
-    fit = _square(z, s, max(_WINDOW * s, _WINDOW_POINTS / density), float(z.min()), [cap_m], -start_m)[0]
+    fit = _square(z, s, max(_WINDOW * s, _WINDOW_POINTS / density), float(z.min()), [cap_m], (-math.inf, -start_m))[0]
     excess = unevenness(z[z > fit.edge], fit.edge, -start_m)
     return RunEnd(edge_m=-fit.edge, std_m=math.sqrt(excess) * fit.std, rho=fit.rho, beyond=fit.clutter / max(fit.rho, 1e-300))
 
@@ -207,26 +207,28 @@ def _side(points: FloatArray, rough: tuple[float, float], sigma_m: float, cap_ra
     density = max(float(inside.sum()), 1.0) / (0.9 * span)
     excess = unevenness(z[inside], rough[0] + 0.05 * span, rough[1] - 0.05 * span)
     s = max(sigma_m, 1e-3 / density)
-    near = np.abs(z - rough[0]) < min(0.4 * span, max(2 * _WINDOW * s, 5 * _WINDOW_POINTS / density, 0.06 * span))
+    far = min(0.4 * span, max(2 * _WINDOW * s, 5 * _WINDOW_POINTS / density, 0.06 * span))
+    kept = (rough[0] - far, rough[0] + far)
+    near = (z > kept[0]) & (z < kept[1])
     xy, z = points[near, :2], z[near]
     pivot = xy.mean(axis=0) if len(z) else none
     caps = cap_ratios(cap_ratio_m if cap_ratio_m > 0 else s)
     if len(z) < 8:
         return _Side(fits=(_unknown(rough[0], 0.05 * span, 1.0, rough),) * len(caps), slope=none, slope_std=none, pivot=pivot, excess=excess)
     reach = max(_WINDOW * s, _WINDOW_POINTS / density)
-    other, open_m = _noise_along(z, s, _square(z, s, reach, rough[0], caps[:2]), caps[:2])
+    other, open_m = _noise_along(z, s, _square(z, s, reach, rough[0], caps[:2], kept), caps[:2])
     body = points[inside, :2]
 
     def along(noise: float) -> _Side:
-        fits = _square(z, noise, reach, rough[0], caps)
+        fits = _square(z, noise, reach, rough[0], caps, kept)
         slope, slope_std = none, none
         for _ in range(2):  # the second time from points slid along the plane, whose edge is sharp
             best = max(fits, key=lambda fit: fit.log_likelihood)
-            tilted = _slopes(xy - pivot, z - (xy - pivot) @ slope, noise, best) if len(z) >= 9 * _PATCH_POINTS else None
+            tilted = _slopes(xy - pivot, z - (xy - pivot) @ slope, noise, best, kept) if len(z) >= 9 * _PATCH_POINTS else None
             if tilted is None:
                 break
             slope, slope_std = slope + tilted[0], np.sqrt(np.diag(tilted[1]))
-            fits = _square(z - (xy - pivot) @ slope, noise, reach, rough[0], caps)
+            fits = _square(z - (xy - pivot) @ slope, noise, reach, rough[0], caps, kept)
         if look is not None:
             level = z - (xy - pivot) @ slope
             fits = _looked_across(fits, xy, level, noise, max(noise, s), body, density, look)
@@ -301,10 +303,10 @@ class _Fit:
     log_likelihood: float
 
 
-def _square(z: FloatArray, s: float, reach: float, near: float, caps: list[float], last: float = math.inf) -> tuple[_Fit, ...]:
+def _square(z: FloatArray, s: float, reach: float, near: float, caps: list[float], kept: tuple[float, float]) -> tuple[_Fit, ...]:
     """The edge of a square end under each cap of `cap_ratios`: found roughly among all points, then from a window of `reach` around it, twice.
 
-    last : where the points beyond were left out.
+    kept : outside it the points were left out: what is empty there says nothing of strays or of the member.
     """
     low, high = float(z.min()), float(z.max())
     at, weight = _binned(z, (low - s, high), (high - low) / 300)
@@ -313,7 +315,7 @@ def _square(z: FloatArray, s: float, reach: float, near: float, caps: list[float
     edge = float(candidates[int(np.argmax(_profile(at, weight, (low - s, high), wide, candidates, 0.0)[0]))])
     fits = (_unknown(near, reach, len(z) / reach, (low, high)),) * len(caps)
     for width, tried in ((max(reach, 4 * wide), caps[:2]), (reach, caps)):
-        window = (edge - width, min(edge + width, last))
+        window = (max(edge - width, kept[0]), min(edge + width, kept[1]))
         own = z[(z > window[0]) & (z < window[1])]
         if len(own) < 8:
             break
@@ -374,7 +376,7 @@ def _spread(at: FloatArray, weight: FloatArray, window: tuple[float, float], s: 
     return _Fit(edge=edge, std=std, rho=rho, cap=cap, clutter=clutter, window=window, log_likelihood=evidence)
 
 
-def _slopes(xy: FloatArray, z: FloatArray, s: float, fit: _Fit) -> tuple[FloatArray, FloatArray] | None:
+def _slopes(xy: FloatArray, z: FloatArray, s: float, fit: _Fit, kept: tuple[float, float]) -> tuple[FloatArray, FloatArray] | None:
     """Slopes (2,) and their covariance: a plane through the edges of nine patches of the section. None where it is not significantly tilted.
 
     Each patch's edge comes with its own spread, so that chi-square tells; against BIC's price and three log units because all ends are tried.
@@ -387,7 +389,7 @@ def _slopes(xy: FloatArray, z: FloatArray, s: float, fit: _Fit) -> tuple[FloatAr
         own = code == c
         if own.sum() >= _PATCH_POINTS:
             reach = max(_WINDOW * s, _WINDOW_POINTS / (fit.rho * float(own.mean()) + 1e-30))
-            edge = _square(z[own], s, reach, fit.edge, [0.0])[0]
+            edge = _square(z[own], s, reach, fit.edge, [0.0], kept)[0]
             rows.append([1.0, *xy[own].mean(axis=0), edge.edge, edge.std])
     table = np.array(rows)
     if len(table) < 4:

@@ -107,3 +107,23 @@ def test_what_is_seen_through_an_open_end_is_no_cap():
 
     found = find_ends(points, sigma, rough_ends(z), 0.042, look, vague=True)
     assert abs(found.length_m - 1.7) < 4 * found.std_m < 0.004
+
+
+@pytest.mark.parametrize(("n", "seed"), [(3_000, 912), (3_000, 933), (8_000, 919)])
+def test_strays_do_not_tilt_a_square_end(n, seed):
+    flat = {"b": 0.12, "t": 0.02, "length": 1.2}
+    points = member_points("rect", flat, n, MemberScanOptions(noise_m=0.0012, clutter=0.15, caps=True, seed=seed))
+    found = find_ends(points, 0.0012, rough_ends(points[:, 2]), 0.0024 / 0.28)
+    assert not found.low.slope.any() and not found.high.slope.any()
+    assert abs(found.length_m - flat["length"]) < 3 * found.std_m < 0.012
+
+
+def test_noise_along_the_axis_that_differs_from_that_across_it_is_held_by_the_spread():
+    """The faces scatter by 3 mm, the ends by 0.6 (rays cross the member) or by 5 mm (rays run along it)."""
+    rng = np.random.default_rng(5)
+    for along in (0.0006, 0.005):
+        for _ in range(6):
+            z = rng.uniform(0, 1.5, 6_000) + rng.normal(0, along, 6_000)
+            points = np.column_stack([rng.uniform(-0.05, 0.05, 6_000), np.full(6_000, 0.05), z])
+            found = find_ends(points, 0.003, rough_ends(z), 0.01)
+            assert abs(found.length_m - 1.5) < 3.5 * found.std_m

@@ -22,23 +22,17 @@ import numpy as np
 from scipy.special import ndtr
 
 from scan2fea.estimation.cap_law import Across, cap_ratios, share_like_caps, together, told_across
+from scan2fea.estimation.edge_fit import FEW, EdgeFit, edge_fits, posterior, unknown
 from scan2fea.estimation.uneven import unevenness
-from scan2fea.kernel.edge_density import edge_levels
 from scan2fea.types import BoolArray, FloatArray, Value
 
 _WINDOW = 12.0  # noise widths on either side of an edge that its likelihood looks at: the rates need far more points than the edge itself
 _WINDOW_POINTS = 100  # at least so many points of the member lie in half a window
-_BINS_PER_SIGMA = 8  # binning by s / 8 widens the noise by 1 / 768 of its variance
-_MANY = 150  # more points than this in a window are binned where that costs nothing
-_DROP = 14.0  # what lies this many log units under the best is not integrated over
-_HOPELESS = 100.0  # a cap so far behind is not followed: what lies across the axis and the other end do not bring it back
-_GRID = 41
-_ZOOMS = 12
-_CLUTTER = 0.5  # clutter along the axis is at most this dense against the member: else a chance gap inside it would pass for its end
 _BODY_POINTS = 4_000  # from between the ends, asked how many of them lie as a cap's would
 _CLOSE = 5.0  # noise widths from an edge within which a cap's points lie
 _OTHER_NOISE = (2.0, 0.5, 0.25, 0.125)  # along the axis, of that across it
 _TOLD = 2.0  # log units by which that across it is likelier beforehand
+_FOLLOWED = 5.0  # log units within which another stays open
 _BESIDE_POINTS = 50  # next to these, asked likewise how many of them lie as a cap's would
 _PATCH_POINTS = 15
 
@@ -93,7 +87,7 @@ def run_end(places: FloatArray, sigma_m: float, start_m: float, cap_m: float = 0
     z = -places
     density = max(len(z), 1) / max(float(np.ptp(z)), 1e-300)
     s = max(sigma_m, 1e-3 / density)
-    fit = _square(z, s, max(_WINDOW * s, _WINDOW_POINTS / density), float(z.min()), [cap_m], (-math.inf, -start_m))[0]
+    fit = edge_fits(z, s, max(_WINDOW * s, _WINDOW_POINTS / density), float(z.min()), [cap_m], (-math.inf, -start_m))[0]
     excess = unevenness(z[z > fit.edge], fit.edge, -start_m)
     return RunEnd(edge_m=-fit.edge, std_m=math.sqrt(excess) * fit.std, rho=fit.rho, beyond=fit.clutter / max(fit.rho, 1e-300))
 
@@ -153,7 +147,7 @@ def _runs(flag: BoolArray) -> list[tuple[int, int]]:
 class _Side:
     """One end while its cap is open: fits : under each hypothesis of `cap_law`, in its order."""
 
-    fits: tuple[_Fit, ...]
+    fits: tuple[EdgeFit, ...]
     slope: FloatArray
     slope_std: FloatArray
     pivot: FloatArray
@@ -213,74 +207,109 @@ def _side(points: FloatArray, rough: tuple[float, float], sigma_m: float, cap_ra
     xy, z = points[near, :2], z[near]
     pivot = xy.mean(axis=0) if len(z) else none
     caps = cap_ratios(cap_ratio_m if cap_ratio_m > 0 else s)
-    if len(z) < 8:
-        return _Side(fits=(_unknown(rough[0], 0.05 * span, 1.0, rough),) * len(caps), slope=none, slope_std=none, pivot=pivot, excess=excess)
+    if len(z) < FEW:
+        return _Side(fits=(unknown(rough[0], 0.05 * span, 1.0, rough),) * len(caps), slope=none, slope_std=none, pivot=pivot, excess=excess)
     reach = max(_WINDOW * s, _WINDOW_POINTS / density)
-    other, open_m = _noise_along(z, s, _square(z, s, reach, rough[0], caps[:2], kept), caps[:2])
-    body = points[inside, :2]
-
-    def along(noise: float) -> _Side:
-        fits = _square(z, noise, reach, rough[0], caps, kept)
-        slope, slope_std = none, none
-        for _ in range(2):  # the second time from points slid along the plane, whose edge is sharp
-            best = max(fits, key=lambda fit: fit.log_likelihood)
-            tilted = _slopes(xy - pivot, z - (xy - pivot) @ slope, noise, best, kept) if len(z) >= 9 * _PATCH_POINTS else None
-            if tilted is None:
-                break
-            slope, slope_std = slope + tilted[0], np.sqrt(np.diag(tilted[1]))
-            fits = _square(z - (xy - pivot) @ slope, noise, reach, rough[0], caps, kept)
-        if look is not None:
-            level = z - (xy - pivot) @ slope
-            fits = _looked_across(fits, xy, level, noise, max(noise, s), body, density, look)
-        return _Side(fits=fits, slope=slope, slope_std=slope_std, pivot=pivot, excess=excess)
-
-    found = along(other)
-    if other != s and look is not None:  # a cap in noise that is not normal has sharp borders of its own: where its points lie across says more
-        found = max((along(s), _TOLD), (found, 0.0), key=lambda side: side[1] + max(fit.log_likelihood for fit in side[0].fits))[0]
-    return replace(found, fits=tuple(replace(fit, std=math.hypot(fit.std, open_m)) for fit in found.fits))
+    fits = edge_fits(z, s, reach, rough[0], caps[:2], kept)
+    slope, slope_std = _tilted_by(xy - pivot, z, s * _likeliest(_by_noise(z, s, fits, caps[:2])), reach, fits, kept)
+    level = z - (xy - pivot) @ slope
+    if slope.any():
+        fits = edge_fits(level, s, reach, rough[0], caps[:2], kept)
+    by_noise = _followed(_by_noise(level, s, fits, caps[:2]))
+    by_noise = _by_noise(level, s, fits, caps, tuple(by_noise)) or {1.0: fits[:1] * len(caps)}
+    if look is not None:
+        by_noise = _looked_across(by_noise, xy, level, s, points[inside, :2], density, look)
+    return _Side(fits=_mixed(by_noise, excess), slope=slope, slope_std=slope_std, pivot=pivot, excess=excess)
 
 
-def _looked_across(
-    fits: tuple[_Fit, ...], xy: FloatArray, level: FloatArray, s: float, widest: float, body: FloatArray, density: float, look: Look
-) -> tuple[_Fit, ...]:
-    """The fits with what the places across the axis say of a cap.
-
-    xy, level : (n, 2), (n,) places across, and along the axis.   widest : of the noises s that are compared: all are asked of the same points.
-    body : (m, 2) places across between the ends.
-    """
-    like_caps = share_like_caps(look(body[:: max(1, len(body) // _BODY_POINTS)]))
-    low, high = min(fit.edge for fit in fits) - _CLOSE * widest, max(fit.edge for fit in fits) + _CLOSE * widest
-    close = (level > low) & (level < high)
-    beside = (level > high) & (level < high + max(high - low, _BESIDE_POINTS / density))
-    if beside.sum() >= _BESIDE_POINTS / 2:  # what is seen through an open end is no cap either
-        like_caps = max(like_caps, share_like_caps(look(xy[beside])))
-    return _seen_across(fits, level[close], s, look(xy[close]).with_like_caps(like_caps))
+def _tilted_by(
+    xy: FloatArray, z: FloatArray, noise: float, reach: float, fits: Sequence[EdgeFit], kept: tuple[float, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Slope (2,) of the end plane and its standard deviations; zero where none is significant."""
+    slope, slope_std = np.zeros(2), np.zeros(2)
+    for _ in range(2 if len(z) >= 9 * _PATCH_POINTS else 0):  # the second time from points slid along the plane, whose edge is sharp
+        best = max(fits, key=lambda fit: fit.log_likelihood)
+        tilted = _slopes(xy, z - xy @ slope, noise, best, kept)
+        if tilted is None:
+            break
+        slope, slope_std = slope + tilted[0], np.sqrt(np.diag(tilted[1]))
+        fits = edge_fits(z - xy @ slope, noise, reach, best.edge, [0.0], kept)
+    return slope, slope_std
 
 
-def _noise_along(z: FloatArray, s: float, fits: Sequence[_Fit], caps: list[float]) -> tuple[float, float]:
-    """The noise along the axis: s, that across it, or what the points near the end say; and how far off the edge may be for it (m).
+def _by_noise(
+    z: FloatArray, s: float, fits: Sequence[EdgeFit], caps: list[float], tried: tuple[float, ...] = (1.0, *_OTHER_NOISE)
+) -> dict[float, tuple[EdgeFit, ...]]:
+    """Noise along the axis, over s, that across it -> the edge under each cap, all from the points in one window, with the prior of the noise.
 
     A scanner's noise acts along its rays, which mostly cross a member: its ends are then sharper than its faces. A sharp edge that is taken for
     blurred by s comes out a third of s within itself (-log Phi(e / s) = 1).
     """
     window = max(fits, key=lambda fit: fit.log_likelihood).window
     own = z[(z > window[0]) & (z < window[1])]
-    if len(own) < 8:
-        return s, 0.0
-    tried = np.array([1.0, *_OTHER_NOISE])
-    found = [_posterior(own, window, k * s, caps) for k in tried]
-    level = np.array([[fit.log_likelihood for fit in fits] for fits in found]) + (np.log(tried) + _TOLD * (tried == 1))[:, None]
-    best, cap = np.unravel_index(int(np.argmax(level)), level.shape)  # which cap it is, others decide
-    share = np.exp(level[:, cap] - level[best, cap])
-    away = np.array([fits[cap].edge - found[best][cap].edge for fits in found])
-    return float(tried[best]) * s, math.sqrt(float(share @ away**2 / share.sum()))
+    if len(own) < FEW:
+        return {}
+    found = {}
+    for k in tried:
+        prior = math.log(k) + _TOLD * (k == 1)  # evidence is told per noise width
+        under = posterior(own, window, k * s, caps)
+        found[k] = tuple(replace(fit, log_likelihood=fit.log_likelihood + prior) for fit in under)
+    return found
 
 
-def _unknown(edge: float, std: float, rho: float, window: tuple[float, float]) -> _Fit:
-    return _Fit(edge=edge, std=std, rho=rho, cap=0.0, clutter=0.0, window=window, log_likelihood=0.0)
+def _evidence(fits: Sequence[EdgeFit]) -> float:
+    return max(fit.log_likelihood for fit in fits)
 
 
-def _seen_across(fits: tuple[_Fit, ...], z: FloatArray, s: float, at: Across) -> tuple[_Fit, ...]:
+def _likeliest(by_noise: dict[float, tuple[EdgeFit, ...]]) -> float:
+    return max(by_noise, key=lambda k: _evidence(by_noise[k]), default=1.0)
+
+
+def _followed(by_noise: dict[float, tuple[EdgeFit, ...]]) -> dict[float, tuple[EdgeFit, ...]]:
+    """Those that the points leave open, and that across the axis: a cap in noise that is not normal has sharp borders of its own, and where its
+    points lie across says more.
+    """
+    least = max(map(_evidence, by_noise.values()), default=0.0) - _FOLLOWED
+    return {k: fits for k, fits in by_noise.items() if k == 1 or _evidence(fits) > least}
+
+
+def _mixed(by_noise: dict[float, tuple[EdgeFit, ...]], excess: float) -> tuple[EdgeFit, ...]:
+    """The edge under each cap whatever the noise: evidence adds up, and what the noise leaves open widens it."""
+    mixed = []
+    for fits in zip(*by_noise.values(), strict=True):
+        level = np.array([fit.log_likelihood for fit in fits]) / excess
+        best = fits[int(np.argmax(level))]
+        if not np.isfinite(best.log_likelihood):
+            mixed.append(best)
+            continue
+        share = np.exp(level - level.max())
+        edges, spread = np.array([fit.edge for fit in fits]), np.array([fit.std for fit in fits])
+        edge = float(share @ edges / share.sum())
+        var = float(share @ (excess * spread**2 + (edges - edge) ** 2) / share.sum())
+        total = float(level.max() + np.log(share.sum())) * excess
+        mixed.append(replace(best, edge=edge, std=math.sqrt(var / excess), log_likelihood=total))
+    return tuple(mixed)
+
+
+def _looked_across(
+    by_noise: dict[float, tuple[EdgeFit, ...]], xy: FloatArray, level: FloatArray, s: float, body: FloatArray, density: float, look: Look
+) -> dict[float, tuple[EdgeFit, ...]]:
+    """The fits with what the places across the axis say of a cap, asked of the same points under every noise.
+
+    xy, level : (n, 2), (n,) places across, and along the axis.   body : (m, 2) places across between the ends.
+    """
+    like_caps = share_like_caps(look(body[:: max(1, len(body) // _BODY_POINTS)]))
+    edges = [fit.edge for fits in by_noise.values() for fit in fits]
+    low, high = min(edges) - _CLOSE * s, max(edges) + _CLOSE * s
+    close = (level > low) & (level < high)
+    beside = (level > high) & (level < high + max(high - low, _BESIDE_POINTS / density))
+    if beside.sum() >= _BESIDE_POINTS / 2:  # what is seen through an open end is no cap either
+        like_caps = max(like_caps, share_like_caps(look(xy[beside])))
+    at = look(xy[close]).with_like_caps(like_caps)
+    return {k: _seen_across(fits, level[close], k * s, at) for k, fits in by_noise.items()}
+
+
+def _seen_across(fits: tuple[EdgeFit, ...], z: FloatArray, s: float, at: Across) -> tuple[EdgeFit, ...]:
     """The fits with the evidence of where the points (n,) near the edge lie across the axis added."""
     found = []
     for fit in fits:
@@ -290,93 +319,7 @@ def _seen_across(fits: tuple[_Fit, ...], z: FloatArray, s: float, at: Across) ->
     return tuple(found)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Fit:
-    """An edge, its standard deviation, and the rates that go with it in `window`."""
-
-    edge: float
-    std: float
-    rho: float
-    cap: float
-    clutter: float
-    window: tuple[float, float]
-    log_likelihood: float
-
-
-def _square(z: FloatArray, s: float, reach: float, near: float, caps: list[float], kept: tuple[float, float]) -> tuple[_Fit, ...]:
-    """The edge of a square end under each cap of `cap_ratios`: found roughly among all points, then from a window of `reach` around it, twice.
-
-    kept : outside it the points were left out: what is empty there says nothing of strays or of the member.
-    """
-    low, high = float(z.min()), float(z.max())
-    at, weight = _binned(z, (low - s, high), (high - low) / 300)
-    candidates = np.unique(np.quantile(z, np.linspace(0.0, 0.7, 80)))
-    wide = max(s, (high - low) / 300)
-    edge = float(candidates[int(np.argmax(_profile(at, weight, (low - s, high), wide, candidates, 0.0)[0]))])
-    fits = (_unknown(near, reach, len(z) / reach, (low, high)),) * len(caps)
-    for width, tried in ((max(reach, 4 * wide), caps[:2]), (reach, caps)):
-        window = (max(edge - width, kept[0]), min(edge + width, kept[1]))
-        own = z[(z > window[0]) & (z < window[1])]
-        if len(own) < 8:
-            break
-        found = _posterior(own, window, s, tried)
-        best = max(found, key=lambda fit: fit.log_likelihood)
-        fits, edge = found if len(found) == len(caps) else (best,) * len(caps), best.edge
-    return fits
-
-
-def _binned(z: FloatArray, window: tuple[float, float], width: float) -> tuple[FloatArray, FloatArray]:
-    n_bins = math.ceil((window[1] - window[0]) / width)
-    if len(z) <= _MANY or n_bins > len(z):
-        return z, np.ones(len(z))
-    counts = np.histogram(z, n_bins, window)[0].astype(float)
-    centre = window[0] + (np.arange(n_bins) + 0.5) * (window[1] - window[0]) / n_bins
-    return centre[counts > 0], counts[counts > 0]
-
-
-def _profile(
-    at: FloatArray, weight: FloatArray, window: tuple[float, float], s: float, edges: FloatArray, ratio: float
-) -> tuple[FloatArray, FloatArray]:
-    """(g,) greatest log-likelihood over the rates at each edge, and the rates (3, g): rho, c, b. The cap holds `ratio` (metres) times rho."""
-    return edge_levels(np.array(at), weight, window[0], window[1], s, np.array(edges), ratio, _CLUTTER)
-
-
-def _posterior(z: FloatArray, window: tuple[float, float], s: float, caps: list[float]) -> tuple[_Fit, ...]:
-    """Mean and spread of the edge over a flat prior, under each cap."""
-    at, weight = _binned(z, window, s / _BINS_PER_SIGMA)
-    found: list[_Fit] = []
-    best_so_far = -math.inf
-    for ratio in caps:
-        found.append(_spread(at, weight, window, s, ratio, best_so_far - _HOPELESS))
-        best_so_far = max(best_so_far, found[-1].log_likelihood)
-    return tuple(found)
-
-
-def _spread(at: FloatArray, weight: FloatArray, window: tuple[float, float], s: float, ratio: float, floor: float) -> _Fit:
-    """Zoom a grid of edges onto where the likelihood lies, then integrate. Its log-likelihood is that of the best edge times its spread.
-
-    A hypothesis that starts below `floor` is not followed: its log-likelihood is -inf.
-    """
-    is_binned = weight.max() > 1  # then the likelihood is smooth over a noise width; else a jump may lie at any point
-    candidates = np.unique(np.r_[np.linspace(*window, _GRID), at[:: max(1, len(at) // 200)] if not is_binned else at[:0]])
-    for zoom in range(_ZOOMS):
-        level, rates = _profile(at, weight, window, s, candidates, ratio)
-        best = int(np.argmax(level))
-        alive = np.flatnonzero(level > level[best] - _DROP)
-        low, high = candidates[max(alive[0] - 1, 0)], candidates[min(alive[-1] + 1, len(candidates) - 1)]
-        if len(alive) > 0.4 * len(candidates) or level[best] < floor or zoom == _ZOOMS - 1:
-            break
-        candidates = np.unique(np.r_[np.linspace(low, high, _GRID), candidates[best]])  # a needle must not fall between
-    spread = np.gradient(candidates)
-    mass = np.exp(level - level[best]) * spread
-    edge = float(mass @ candidates / mass.sum())
-    std = math.sqrt(float(mass @ (candidates - edge) ** 2 / mass.sum()))
-    rho, cap, clutter = (float(v) for v in rates[:, best])
-    evidence = float(level[best]) + math.log(max(float(mass.sum()), 1e-300) / s) if level[best] >= floor else -math.inf
-    return _Fit(edge=edge, std=std, rho=rho, cap=cap, clutter=clutter, window=window, log_likelihood=evidence)
-
-
-def _slopes(xy: FloatArray, z: FloatArray, s: float, fit: _Fit, kept: tuple[float, float]) -> tuple[FloatArray, FloatArray] | None:
+def _slopes(xy: FloatArray, z: FloatArray, s: float, fit: EdgeFit, kept: tuple[float, float]) -> tuple[FloatArray, FloatArray] | None:
     """Slopes (2,) and their covariance: a plane through the edges of nine patches of the section. None where it is not significantly tilted.
 
     Each patch's edge comes with its own spread, so that chi-square tells; against BIC's price and three log units because all ends are tried.
@@ -389,7 +332,7 @@ def _slopes(xy: FloatArray, z: FloatArray, s: float, fit: _Fit, kept: tuple[floa
         own = code == c
         if own.sum() >= _PATCH_POINTS:
             reach = max(_WINDOW * s, _WINDOW_POINTS / (fit.rho * float(own.mean()) + 1e-30))
-            edge = _square(z[own], s, reach, fit.edge, [0.0], kept)[0]
+            edge = edge_fits(z[own], s, reach, fit.edge, [0.0], kept)[0]
             rows.append([1.0, *xy[own].mean(axis=0), edge.edge, edge.std])
     table = np.array(rows)
     if len(table) < 4:

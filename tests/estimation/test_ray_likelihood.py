@@ -178,6 +178,15 @@ def test_the_inside_holds_it():
         assert told[name].observable and abs(told[name].value_m - 0.127) < 3e-3
 
 
+@pytest.mark.parametrize("seed", [20, 40])
+def test_a_leg_that_ends_somewhere_between_two_rings_is_not_told(seed):
+    """A fifth of the frames: the likelihood is flat over 50 mm, and its top 50 mm off had a standard deviation of 8."""
+    solid = scans.member("L", scans.THIN_L, 3.048, scans.pose(seed, math.pi / 4 + np.random.default_rng([seed, 9]).uniform(-0.5, 0.5)))
+    told = dimensions(fit_rays(scans.ring_scan(solid, 1, SENSOR, seed, share=0.2), start_of(solid, seed)))
+    for name in "ab":
+        assert not told[name].observable or abs(told[name].value_m - 0.127) < 3 * told[name].std_m
+
+
 def small(seed=0, n=1500, **sensor):
     solid = scans.member("L", {"a": 0.1, "b": 0.08, "t": 0.012}, 1.5, scans.pose(seed))
     return solid, scans.all_round(solid, n, scans.Sensor(sigma_m=0.004, footprint_rad=0.002, **sensor), seed)

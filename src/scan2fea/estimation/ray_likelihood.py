@@ -17,10 +17,10 @@ import numpy as np
 
 from scan2fea.errors import EstimationError
 from scan2fea.estimation.ray_data import FULL_OPENING, RayData, outline_box, prepared
-from scan2fea.estimation.ray_model import RayLayout
+from scan2fea.estimation.ray_model import WALLS, RayLayout
 from scan2fea.estimation.ray_pose import canonical_member
-from scan2fea.estimation.ray_starts import best_start, fitted, of_member, settled
-from scan2fea.estimation.ray_trust import checked, dimensions_of, doubted, without_spread_law
+from scan2fea.estimation.ray_starts import best_start, fitted, of_member, settled, thinnest
+from scan2fea.estimation.ray_trust import BY_CHANCE, GAIN, TOLD, checked, dimensions_of, doubted, without_spread_law
 from scan2fea.estimation.rays_of_member import inside_outline
 from scan2fea.estimation.scoring import Scored
 from scan2fea.kernel.noise import sampled_rows
@@ -31,7 +31,7 @@ from scan2fea.types import FloatArray, Member, Scan, Value
 
 N_ROUNDS = 2  # the second judges which rays pass near by the fitted outline, not by the box of the points
 EDGE_DOUBT = 0.5  # of how far edges were moved (simulated beams that report any light: legs 1.5 to 3 mm wrong where edges moved by 3)
-BY_CHANCE = 2.0  # log likelihood that an unknown which is not there may gain (1 in 20)
+N_RESTARTS = 3
 N_FIRST = 5000  # rays of the first round and of the check
 BOX_MARGIN = 3.0  # standard deviations of the noise
 
@@ -106,11 +106,25 @@ def fit_rays(scan: Scan, start: Member, options: RayOptions = RayOptions(), fixe
         last_step = fitted(part, layout, scored.theta, held, free_edge=free_edge, max_iterations=1)
         scored = dataclasses.replace(last_step, converged=scored.converged)
         n_iterations += scored.n_iterations
-    final = _member(layout, scored, member, data, part, held)
     few = part.take(sampled_rows(len(part), min(options.n_fit, N_FIRST), options.seed))
-    if data.hits_only:
-        final = without_spread_law(final, start, few, layout, scored, held, len(part))
-    trusted = checked(final, few, layout, scored, held, len(part), free_edge)
+    if not data.hits_only:
+        top = fitted(few, layout, scored.theta, held, free_edge=free_edge, max_iterations=8)
+        thin = thinnest(few, layout, top, held, free_edge=free_edge)
+        walls = [layout.place[name] for name in layout.dimensions if name in WALLS]
+        if float(np.sum(thin.theta[walls])) < (1 - TOLD) * float(np.sum(top.theta[walls])):
+            scored = fitted(part, layout, thin.theta, held, free_edge=free_edge)
+    for _ in range(N_RESTARTS):
+        final = _member(layout, scored, member, data, part, held)
+        if data.hits_only:
+            final = without_spread_law(final, start, few, layout, scored, held, len(part))
+        trusted, best = checked(final, few, layout, scored, held, len(part), free_edge)
+        if best is None or data.hits_only:
+            break
+        better = fitted(part, layout, best.theta, held, free_edge=free_edge)
+        if better.log_posterior < scored.log_posterior + GAIN:
+            break
+        scored = better  # a walk away from the top led to a higher one
+        n_iterations += better.n_iterations
     if free_edge:
         trusted = doubted(trusted, EDGE_DOUBT * part.edge_unit_m * abs(float(scored.theta[layout.place["edge"]])))
     return _result(layout, scored, trusted, data, n_iterations)

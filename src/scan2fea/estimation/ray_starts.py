@@ -75,10 +75,10 @@ def best_start(data: RayData, layout: RayLayout, start: Member, held: Mapping[st
             still = NUISANCE
     final = [fitted(data, layout, t, held, max_iterations=15, tolerance=1e-2) for t in thetas]
     best = max(final, key=lambda one: one.log_posterior)
-    return _thinnest(data, layout, best, held).theta
+    return thinnest(data, layout, best, held).theta
 
 
-def _thinnest(data: RayData, layout: RayLayout, best: Scored, held: Mapping[str, float]) -> Scored:
+def thinnest(data: RayData, layout: RayLayout, best: Scored, held: Mapping[str, float], *, free_edge: bool = False) -> Scored:
     """The walls started again from thin to thick: of fits that the rays cannot tell apart, the one with the thinnest walls."""
     walls = [layout.place[n] for n in layout.dimensions if n in WALLS]
     if not walls or set(layout.dimensions[i] for i in walls) <= set(held):
@@ -87,7 +87,7 @@ def _thinnest(data: RayData, layout: RayLayout, best: Scored, held: Mapping[str,
     for share in WALL_STARTS:
         theta = best.theta.copy()
         theta[walls] = share * data.size
-        found.append(fitted(data, layout, theta, held, max_iterations=15, tolerance=1e-2))
+        found.append(fitted(data, layout, theta, held, free_edge=free_edge, max_iterations=15, tolerance=1e-2))
     top = max(one.log_posterior for one in found)
     alike = [one for one in found if one.log_posterior > top - ALIKE]
     return min(alike, key=lambda one: float(one.theta[walls].sum()))

@@ -10,13 +10,15 @@ import numpy as np
 
 from scan2fea.estimation.ray_data import RayData
 from scan2fea.estimation.ray_model import RayLayout
+from scan2fea.estimation.ray_profile import walked
 from scan2fea.estimation.ray_starts import fitted
 from scan2fea.estimation.scoring import Scored
 from scan2fea.types import FloatArray, Member, Parameter
 
 TOLD = 1 / 6  # a dimension is told if its standard deviation is below this share of it: 2 mm of a wall of 6.35 mm are then 1.9 of them
+BY_CHANCE = 2.0  # log likelihood that an unknown which is not there may gain (1 in 20)
+GAIN = 0.5  # log likelihood by which another fit is a better one
 BLIND = 1e-9  # of the largest eigenvalue of the scaled information: a direction without any ray
-CHECK_STEPS, CHECK_SHARE = 3.0, 0.1  # standard deviations, and the least share of the fall in log likelihood that they foretell
 
 
 def dimensions_of(
@@ -52,35 +54,35 @@ def _held(layout: RayLayout, scored: Scored, name: str) -> bool:
     return bool(scored.at_bound[places].any())
 
 
-def checked(member: Member, data: RayData, layout: RayLayout, scored: Scored, held: Mapping[str, float], n_used: int, free_edge: bool) -> Member:
-    """The member without the standard deviations that do not hold: each dimension is moved three of them both ways and the rest fitted again.
+def checked(
+    member: Member, data: RayData, layout: RayLayout, scored: Scored, held: Mapping[str, float], n_used: int, free_edge: bool
+) -> tuple[Member, Scored | None]:
+    """The member with the standard deviations that the profile of the likelihood bears out, and a likelier fit where one was met on the way.
 
-    Where the rays hold it the log likelihood falls by 4.5; where a face has left the view on the way it does not fall, and nothing is told.
+    Each dimension is moved both ways and the rest fitted again (`ray_profile`); where a face has left the view on the way nothing falls and nothing
+    is told.
     Where only hits were recorded, the fit took them to spread evenly over the silhouette. That is a guess (the rays of a rotating LiDAR do not),
     so here they are asked without it: what hit, hit, and nothing says that a ray farther out would not have.
     """
     still = ("start", "end", "logit_dropped") if data.hits_only else ()
     data = dataclasses.replace(data, hits_only=False)
-    here = fitted(data, layout, scored.theta, held, still=still, free_edge=free_edge, max_iterations=8, tolerance=1e-2)
-    parameters = []
-    for one in member.parameters:
+    top = best = fitted(data, layout, scored.theta, held, still=still, free_edge=free_edge, max_iterations=8, tolerance=1e-2)
+    scale = math.sqrt(n_used / len(data))
+    covariance, parameters = np.array(member.covariance, float), []
+    for k, one in enumerate(member.parameters):
         if one.std_m is None or one.name == "length":
             parameters.append(one)
             continue
-        step = CHECK_STEPS * one.std_m * math.sqrt(n_used / len(data))
-        at = float(here.theta[layout.place[one.name]])
-        holds = True
-        for moved in (at - step, at + step):
-            if not 0.25 * at < moved:
-                moved = 0.25 * at
-            theta = here.theta.copy()
-            theta[layout.place[one.name]] = moved
-            there = fitted(data, layout, theta, {**held, one.name: moved}, still=still, free_edge=free_edge, max_iterations=8, tolerance=1e-2)
-            expected = 0.5 * ((moved - at) / (step / CHECK_STEPS)) ** 2
-            holds = holds and here.log_posterior - there.log_posterior > CHECK_SHARE * expected
-        parameters.append(one if holds else dataclasses.replace(one, std_m=None, observable=False))
+        std, met = walked(data, layout, top, held, one.name, scale * one.std_m, still=still, free_edge=free_edge)
+        best = max(best, met, key=lambda fit: fit.log_posterior)
+        wider = max(std / scale, one.std_m)
+        covariance[k] *= wider / one.std_m if wider < np.inf else 0.0
+        covariance[:, k] *= wider / one.std_m if wider < np.inf else 0.0
+        is_told = wider < TOLD * one.value_m
+        parameters.append(dataclasses.replace(one, std_m=wider if is_told else None, observable=is_told))
     free = np.array([one.std_m is not None for one in parameters])
-    return dataclasses.replace(member, parameters=tuple(parameters), covariance=np.where(np.outer(free, free), member.covariance, 0.0))
+    trusted = dataclasses.replace(member, parameters=tuple(parameters), covariance=np.where(np.outer(free, free), covariance, 0.0))
+    return trusted, best if best.log_posterior > top.log_posterior + GAIN / scale**2 else None
 
 
 def doubted(member: Member, doubt_m: float) -> Member:

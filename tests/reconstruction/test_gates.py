@@ -10,6 +10,7 @@ from scan2fea.reconstruction import visibility
 from scan2fea.reconstruction.evidence import Evidence, at_least, at_most, scatter_m, wall_m
 from scan2fea.reconstruction.flat_gaps import hidden_volume_flat
 from scan2fea.reconstruction.gates import failed, gates_seen
+from scan2fea.reconstruction.gates_outside import CUT_AGREES
 from scan2fea.reconstruction.gates_surface import RIM_LOSS, SHEET, coverage, mean_curvature, merged, mixed, patch_moments, resolution, rims, sheet
 from scan2fea.reconstruction.hidden_volume import REACH, REACH_UNSEEN, hidden_volume
 from scan2fea.types import PointCloud, Scan
@@ -45,7 +46,7 @@ def plate():
 
 def test_limits_are_inclusive():
     assert at_most("x", 0.35, 0.35, "").passed and not at_most("x", np.nextafter(0.35, 1), 0.35, "").passed
-    assert at_least("x", 0.9, 0.9, "").passed and not at_least("x", np.nextafter(0.9, 0), 0.9, "").passed
+    assert at_least("x", 0.9, 0.9, "").passed and not at_least("x", np.nextafter(CUT_AGREES, 0), 0.9, "").passed
     assert not at_most("x", float("nan"), 1.0, "").passed and not at_least("x", float("nan"), 0.0, "").passed
 
 
@@ -123,8 +124,8 @@ def test_two_sheets_in_one_are_noticed(plate):
 
 def test_seen_checks_pass_on_the_truth(plate):
     mesh, points, normals = plate
-    assert not failed(gates_seen(evidence_of(mesh, points, normals), 0.9))
-    (lost,) = failed(gates_seen(evidence_of(mesh, points, normals), np.nextafter(0.9, 0)))  # the cut emptied walls that were seen
+    assert not failed(gates_seen(evidence_of(mesh, points, normals), CUT_AGREES))
+    (lost,) = failed(gates_seen(evidence_of(mesh, points, normals), np.nextafter(CUT_AGREES, 0)))  # the cut emptied walls that were seen
     assert lost.name == "cut agrees with normals"
 
 

@@ -5,12 +5,12 @@ import pytest
 
 from predicates import box, moved, rotation
 from scan2fea.kernel.distances import sample_surface
-from scan2fea.kernel.measures import area, volume
+from scan2fea.kernel.measures import area, face_normals, volume
 from scan2fea.reconstruction import advancing_front, visibility
 from scan2fea.reconstruction.budget import WALL_ENDS
-from scan2fea.reconstruction.evidence import Evidence
+from scan2fea.reconstruction.evidence import Ends, Evidence
 from scan2fea.reconstruction.gates import failed
-from scan2fea.reconstruction.wall_ends import LIMIT, passed, stretches, wall_ends
+from scan2fea.reconstruction.wall_ends import LIMIT, ON, passed, stretches, unseen_ends, wall_ends
 from scan2fea.simulation.shapes import chs
 from scan2fea.types import PointCloud, Scan
 from scanned import DENSITY
@@ -139,3 +139,19 @@ def test_what_is_seen_through_a_notch_is_empty(notch):
     assert wall_ends(seen).value < 0.5 * wall_ends(evidence).value
     blind = dataclasses.replace(seen, sensors=np.full_like(seen.points, np.nan))
     assert wall_ends(blind).value == pytest.approx(wall_ends(evidence).value, rel=0.01)
+
+
+def test_an_end_that_another_answer_had_stays_where_the_surface_is_the_same(notch):
+    _, evidence = evidence_without(lambda points: np.zeros(len(points), bool))
+    h = evidence.spacing_m
+    on = evidence.mesh.vertices[evidence.mesh.faces[:9]].mean(axis=1)
+    normal = face_normals(evidence.mesh)[:9]
+    told = lambda off, share=0.3: wall_ends(dataclasses.replace(evidence, ends_before=(Ends(share=share, places=on + off * h * normal),)))  # noqa: E731
+    assert told(0.0).value == 0.3 and not told(0.0).passed
+    reach = ON + evidence.sigma_m / h
+    assert not told(reach - 1e-9).passed and told(reach + 1e-6).passed
+    assert told(0.0, 0.01).passed and told(0.0, 0.01).value == 0.01
+    _, notched = evidence_without(notch)
+    own = unseen_ends(notched)
+    assert wall_ends(dataclasses.replace(notched, ends_before=(Ends(share=0.01, places=own.places),))).value == own.share
+    assert wall_ends(dataclasses.replace(evidence, ends_before=(Ends(share=0.3, places=np.zeros((0, 3))),))).passed

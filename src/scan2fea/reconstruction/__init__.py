@@ -19,6 +19,7 @@ from scan2fea.reconstruction.rounded import served_smooth
 from scan2fea.reconstruction.scale_space import ScaleSpaceOptions, scale_space
 from scan2fea.reconstruction.sharpened import served_sharp
 from scan2fea.reconstruction.thin import distinct, thinned
+from scan2fea.reconstruction.two_answers import contradicted
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, told_images, visibility
 from scan2fea.types import Scan
 
@@ -50,7 +51,7 @@ def reconstruct(scan: Scan, options: ReconstructionOptions = ReconstructionOptio
     found = METHODS[options.method](fewer, options)
     if options.method != "visibility":
         return found
-    found = served(fewer, found, options.seed) if options.flat else found
+    found = contradicted(fewer, served(fewer, found, options.seed), options.seed) if options.flat else found
     found = served_smooth(fewer, found) if options.smooth else found
     return served_sharp(fewer, found) if options.flat else found
 

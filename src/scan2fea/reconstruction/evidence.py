@@ -19,13 +19,21 @@ SCATTER_MARGIN = 1.2  # the surface follows the points a little, so their distan
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class Ends(Value):
+    """Ends of walls on which nothing was measured.   share : of the volume that may hide beyond them, at most 1.   places : (k, 3) on them."""
+
+    share: float
+    places: FloatArray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Evidence(Value):
     """A finished surface and the points it was made from.
 
     points : (n, 3) raw.   is_inferred : (n,) not measured, or None.   mesh : the closed surface.   smoothed, normals : (n, 3) denoised
     points and their outward normals.   thickness_m : (n,) to the other face, nan where there is none.   gap_m : (n,) to the next surface in
     front, nan likewise.   spacing_m, sigma_m : of the raw points.   n_hidden : of the last points, that only stand for places no ray has reached.
-    sensors : (n, 3) where each point was seen from, nan rows where not known, or None.
+    sensors : (n, 3) where each point was seen from, nan rows where not known, or None.   ends_before : of walls, in other answers to the same points.
     """
 
     points: FloatArray
@@ -39,6 +47,7 @@ class Evidence(Value):
     is_inferred: BoolArray | None = None
     n_hidden: int = 0
     sensors: FloatArray | None = None
+    ends_before: tuple[Ends, ...] = ()
 
     _ROWS = (("points", "smoothed", "normals", "thickness_m", "gap_m", "is_inferred", "sensors"),)
 

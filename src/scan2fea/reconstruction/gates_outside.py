@@ -14,7 +14,7 @@ from scan2fea.reconstruction.outside import LEAK_TOLERATED, Flood
 from scan2fea.reconstruction.winding import sheet_areas
 from scan2fea.types import Check, FloatArray
 
-CUT_AGREES = 0.90
+CUT_AGREES = 0.95  # a point not held stands for the half wall under it: of the volume as much as is tolerated of any doubt
 WINDING_AGREES = 0.965
 WINDING_AT_POINTS, WINDING_OFF = 0.05, 0.35
 FLOOD_INSIDE = 0.05

@@ -8,9 +8,12 @@ import numpy as np
 
 from scan2fea.errors import ReconstructionError
 from scan2fea.kernel.delaunay import Tetrahedralisation
+from scan2fea.reconstruction.budget import WALL_ENDS
 from scan2fea.reconstruction.carve import Carved, carve, gaps
+from scan2fea.reconstruction.evidence import Ends
 from scan2fea.reconstruction.gates import Evidence, Unseen, failed, gates_unseen
 from scan2fea.reconstruction.outside import Flood, OutsideOptions, Setting, emptied, floods, prepare, reached
+from scan2fea.reconstruction.wall_ends import unseen_ends
 from scan2fea.reconstruction.winding import fitted, polish
 from scan2fea.types import BoolArray, Check, FloatArray, Value
 
@@ -23,7 +26,7 @@ class Answer(Value):
     """One surface, the answer it rests on, and what the gates say of it."""
 
     carved: Carved
-    sigma_m: float
+    evidence: Evidence
     flood: Flood
     checks: tuple[Check, ...]
     n_tried: int
@@ -36,11 +39,12 @@ def unseen(
     quality_weight: float,
     n_hidden: int = 0,
     sensors: FloatArray | None = None,
+    ends: tuple[Ends, ...] = (),
 ) -> Answer:
     """The first answer that passes all gates, else the one that fails the fewest. Raises ReconstructionError if none gives a surface.
 
     n_hidden : of the last points, that stand for places no ray has reached.   sensors : (n, 3) of points whose sight lines stood the test though they
-    were too few to lead, nan rows where not known: they only tell what is empty beyond the ends of walls.
+    were too few to lead, nan rows where not known: they only tell what is empty beyond the ends of walls.   ends : of walls that other answers had.
     """
     setting = prepare(points, options.seed)
     best: Answer | None = None
@@ -48,7 +52,7 @@ def unseen(
     n = 0
     for n, flood in enumerate(floods(setting, options), start=1):
         try:
-            answer = _answer(points, is_inferred, n_hidden, sensors, flood, setting.spacing_m, quality_weight, options.seed, n)
+            answer = _answer(points, is_inferred, n_hidden, sensors, ends, flood, setting.spacing_m, quality_weight, options.seed, n)
         except ReconstructionError as error:
             reason = str(error)
             continue
@@ -56,6 +60,8 @@ def unseen(
             best = answer
         if not failed(answer.checks):
             break
+        if WALL_ENDS in (check.name for check in failed(answer.checks)):  # the next answer may miss them by chance: it is the same scan
+            ends = (*ends, unseen_ends(answer.evidence))
     if best is None:
         raise ReconstructionError(f"no surface in {n} attempts without sensor positions ({reason}): give the sensor position")
     return best
@@ -66,6 +72,7 @@ def _answer(
     is_inferred: BoolArray | None,
     n_hidden: int,
     sensors: FloatArray | None,
+    ends: tuple[Ends, ...],
     flood: Flood,
     spacing_m: float,
     quality_weight: float,
@@ -96,8 +103,9 @@ def _answer(
         is_inferred=is_inferred,
         n_hidden=n_hidden,
         sensors=sensors,
+        ends_before=ends,
     )
     volumes = carved.tetra.volumes()
     share = float(volumes[entered[-1] & carved.inside].sum() / volumes[carved.inside].sum())
     facts = Unseen(flood=flood, polished=polished, held=carved.labels.held, flood_inside=share)
-    return Answer(carved=carved, sigma_m=sigma, flood=flood, checks=gates_unseen(evidence, facts), n_tried=n)
+    return Answer(carved=carved, evidence=evidence, flood=flood, checks=gates_unseen(evidence, facts), n_tried=n)

@@ -15,8 +15,10 @@ from scan2fea.errors import ReconstructionError, require
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.noise import spacing
 from scan2fea.options import option
+from scan2fea.reconstruction.budget import WALL_ENDS
 from scan2fea.reconstruction.carve import Carved, carve, gaps
 from scan2fea.reconstruction.denoise import first_normals
+from scan2fea.reconstruction.evidence import Ends
 from scan2fea.reconstruction.gates import Evidence, failed, gates_seen
 from scan2fea.reconstruction.hidden import hidden_points
 from scan2fea.reconstruction.opposite import with_opposite
@@ -25,6 +27,7 @@ from scan2fea.reconstruction.ranges import by_ranges, on_surface, ray_sigma
 from scan2fea.reconstruction.raster import Images, images_of
 from scan2fea.reconstruction.sensors import REJECTED, blocked_share, outer_side
 from scan2fea.reconstruction.unseen import unseen
+from scan2fea.reconstruction.wall_ends import unseen_ends
 from scan2fea.types import Check, FloatArray, PointCloud, Scan, TriangleMesh, Value
 
 LEAST_POINTS = 20
@@ -98,7 +101,8 @@ def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> 
         return seen
     try:  # sensors that stand the test can still be too few: one look along a beam grazes all its faces
         why: dict[str, float | str] = {"with_sensors": "; ".join(check.name for check in failed(seen.checks))}
-        blind = _unseen(scan, options, "rejected", why, hidden_points(seen.mesh, cloud.points, h, options.seed))
+        hidden = hidden_points(seen.mesh, cloud.points, h, options.seed)
+        blind = _unseen(scan, options, "rejected", why, hidden, _ends(seen, found[1]))
     except ReconstructionError:
         return seen
     fewer = len(failed(blind.checks)) < len(failed(seen.checks))
@@ -153,8 +157,23 @@ def _with_walls(
     return _first_rows(replace(found[0], carried=more.points[n:], how={**found[0].how, "n_carried": k}), n)
 
 
-def _unseen(scan: Scan, options: VisibilityOptions, sensor: str, how: Mapping[str, float | str], hidden: FloatArray | None = None) -> Reconstruction:
-    """The surface by what can be reached from outside. hidden : (k, 3) places that no ray reached, which must not be taken for open."""
+def _ends(seen: Reconstruction, evidence: Evidence) -> tuple[Ends, ...]:
+    """Ends of walls without points that the surface by the sensors was refused for."""
+    return (unseen_ends(evidence),) if WALL_ENDS in (check.name for check in failed(seen.checks)) else ()
+
+
+def _unseen(
+    scan: Scan,
+    options: VisibilityOptions,
+    sensor: str,
+    how: Mapping[str, float | str],
+    hidden: FloatArray | None = None,
+    ends: tuple[Ends, ...] = (),
+) -> Reconstruction:
+    """The surface by what can be reached from outside.
+
+    hidden : (k, 3) places that no ray reached, which must not be taken for open.   ends : of walls, on which nothing was measured.
+    """
     cloud, outside = scan.cloud, OutsideOptions(ball=options.ball, seed=options.seed)
     points, inferred = cloud.points, cloud.is_inferred
     if hidden is not None and len(hidden):
@@ -165,10 +184,10 @@ def _unseen(scan: Scan, options: VisibilityOptions, sensor: str, how: Mapping[st
     if hidden is not None:  # the sensors stood the test
         lines = np.full_like(points, np.nan)
         lines[: len(cloud)] = scan.sensors()
-    answer = unseen(points, inferred, outside, options.quality_weight, len(points) - len(cloud), lines)
+    answer = unseen(points, inferred, outside, options.quality_weight, len(points) - len(cloud), lines, ends)
     flood = answer.flood
     facts = {**how, "ball_m": flood.ball_m, "leak_share": flood.leak_share, "n_cavities": flood.n_cavities, "n_answers": answer.n_tried}
-    found = _result(answer.carved, spacing(cloud.points, options.seed), answer.sigma_m, "outside flood", sensor, answer.checks, facts)
+    found = _result(answer.carved, spacing(cloud.points, options.seed), answer.evidence.sigma_m, "outside flood", sensor, answer.checks, facts)
     return _first_rows(found, len(cloud))
 
 

@@ -3,7 +3,7 @@
 Points missing on both sides of a wall leave a hole whose border is narrow: it lies within a few spacings of measured points everywhere, and
 hides little by its own area. But a border that was seen has points of its own, as many for its area as the faces beside it, and they lie between
 these. So where triangles lead from one face of a wall straight to the other for longer than chance lets them, nothing was seen; unless a sight line
-passes there.
+passes there. That says something of the scan, not of one answer to it: a second answer with its surface in the same places has the same ends.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from scan2fea.kernel.neighbors import k_nearest, radius_components
 from scan2fea.kernel.noise import SPACING_NEIGHBORS
 from scan2fea.kernel.topology import edge_table
 from scan2fea.reconstruction.budget import WALL_ENDS
-from scan2fea.reconstruction.evidence import Evidence, around, at_most, wall_m
+from scan2fea.reconstruction.evidence import Ends, Evidence, around, at_most, wall_m
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh, Value
 
 LIMIT = 0.02  # of the volume: as behind surface that no ray has met
@@ -37,6 +37,7 @@ FLAT_END, FACES_SO = 0.7, 0.7  # length of the mean normal of a stretch that lie
 BEYOND = 1.5  # spacings beyond a wall's end, at least its thickness: where it would go on
 STEPS = (0.25, 0.5, 1.0)  # of that distance: where a sight line is asked for; the wall may go on as far as the first that has one
 IN_WALL = 0.25  # of its thickness off the middle of a wall: a sight line farther off may pass beside a wall that bends
+ON, MOSTLY = 0.25, 0.5  # spacings, besides the noise, from a surface that lies on a place; of the places of an end that another answer told of
 WHOLE_END = 0.5  # of the area in that plane: with more of it unseen the part may go on there
 
 
@@ -60,6 +61,16 @@ def wall_ends(evidence: Evidence, limit: float = LIMIT) -> Check:
     An end of length P round a hole encloses at most P^2 / (4 pi) of wall, at an edge twice that, at a corner four times; where more than half of an
     end that the whole part lies behind has no points, anything may be beyond. Where sight lines pass beyond an end it may reach as far as these.
     """
+    told = max((unseen_ends(evidence), *(ends for ends in evidence.ends_before if _is_there(ends, evidence))), key=lambda ends: ends.share)
+    says = (
+        f"{told.share:.0%} of the volume may hide beyond ends of walls where no point was measured (limit {limit:.0%}){around(told.places)}: "
+        "the scan may end there, not the wall; scan the edges too, or fit the member"
+    )
+    return at_most(WALL_ENDS, told.share, limit, says)
+
+
+def unseen_ends(evidence: Evidence) -> Ends:
+    """The ends of walls of this surface on which nothing was measured."""
     mesh = evidence.mesh
     body, normals, areas = abs(volume(mesh)), face_normals(mesh), face_areas(mesh)
     hidden, where = 0.0, [np.zeros((0, 3))]
@@ -72,12 +83,13 @@ def wall_ends(evidence: Evidence, limit: float = LIMIT) -> Check:
         endless = _ends_part(stretch, mesh, normals, areas, stretch.wall_m + JOINED * evidence.spacing_m)
         hidden += math.inf if endless else stretch.wall_m * stretch.length_m**2 / math.pi
         where.append(mesh.vertices[mesh.faces[stretch.faces]].mean(axis=1))
-    share = min(1.0, hidden / body) if body > 0.0 else 0.0
-    says = (
-        f"{share:.0%} of the volume may hide beyond ends of walls where no point was measured (limit {limit:.0%}){around(np.concatenate(where))}: "
-        "the scan may end there, not the wall; scan the edges too, or fit the member"
-    )
-    return at_most(WALL_ENDS, share, limit, says)
+    return Ends(share=min(1.0, hidden / body) if body > 0.0 else 0.0, places=np.concatenate(where))
+
+
+def _is_there(ends: Ends, evidence: Evidence) -> bool:
+    """Does the surface lie on most of the places of these ends? One that closes a notch, or opens it farther, leaves them."""
+    near = PointToMesh(evidence.mesh).nearest(ends.places).distance <= ON * evidence.spacing_m + evidence.sigma_m
+    return bool(len(near) and near.mean() > MOSTLY)
 
 
 def stretches(evidence: Evidence) -> tuple[list[Stretch], list[Stretch]]:

@@ -49,7 +49,7 @@ def test_what_the_points_ask_for_stays(draw, wanted):
     assert (again.label == found.label).all()
 
 
-def test_a_piece_whose_points_lie_on_its_neighbours_is_given_up():
+def test_a_piece_whose_points_lie_on_its_neighbour_is_part_of_it():
     mesh = meshed(plate)
     found = segmented(mesh, 3 * NOISE)
     side = int(np.argmax([s.kind == PLANE and s.axis[0] > 0.9 for s in found.surfaces]))
@@ -59,7 +59,36 @@ def test_a_piece_whose_points_lie_on_its_neighbours_is_given_up():
     round_one = next(s for s in found.surfaces if s.kind == CYLINDER)
     again = asked_for(mesh, Patches(label=wrong, surfaces=(*found.surfaces, round_one)), *points_of(mesh))
     assert kinds(again) == kinds(found)
-    assert (again.label[strip] == -1).all()
+    assert (again.label == found.label).all()
+
+
+@pytest.mark.parametrize("kind", [PLANE, CYLINDER])
+def test_a_narrow_ring_in_pieces_is_one_plane(kind):
+    mesh = meshed(tube)
+    found = segmented(mesh, 3 * NOISE)
+    end = next(k for k, s in enumerate(found.surfaces) if s.kind == PLANE)
+    middle = mesh.vertices[mesh.faces].mean(1)
+    ring = np.flatnonzero(found.label == end)
+    turn = np.floor(2 * np.arctan2(middle[ring, 1], middle[ring, 0]) / np.pi).astype(int)  # quarters
+    wrong = found.label.copy()
+    wrong[ring] = np.where(turn == turn[0], end, len(found.surfaces) + turn % 4)
+    piece = next(s for s in found.surfaces if s.kind == kind)
+    again = asked_for(mesh, Patches(label=wrong, surfaces=(*found.surfaces, *[piece] * 4)), *points_of(mesh))
+    assert kinds(again) == kinds(found)
+    assert len(np.unique(again.label[ring])) == 1
+
+
+def test_a_piece_whose_points_lie_on_two_neighbours_is_given_up():
+    mesh = meshed(plate)
+    found = segmented(mesh, 3 * NOISE)
+    middle = mesh.vertices[mesh.faces].mean(1)
+    crease = np.flatnonzero((middle[:, 0] > 0.058) & (middle[:, 2] > 0.010) & (middle[:, 1] > 0.005) & (middle[:, 1] < 0.045))
+    wrong = found.label.copy()
+    wrong[crease] = len(found.surfaces)
+    round_one = next(s for s in found.surfaces if s.kind == CYLINDER)
+    again = asked_for(mesh, Patches(label=wrong, surfaces=(*found.surfaces, round_one)), *points_of(mesh))
+    assert kinds(again) == kinds(found)
+    assert (again.label[crease] == -1).all()
 
 
 def test_two_halves_of_a_hole_are_one():

@@ -23,6 +23,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
 
 ENOUGH = 30  # points from which a patch tells its own surface
 EXPLAINED = 0.95  # share of the points of a patch that lie on its neighbours: the rest is what a normal law clips, and chance
+PASSES = 5  # over all patches
 WIDE = 0.02  # of the area: larger patches are no rounded creases
 
 
@@ -41,6 +42,30 @@ def asked_for(mesh: TriangleMesh, patches: Patches, used: FloatArray, face: IntA
     surfaces = [s if f is None or f.sigma_m > 2 * noise else f.surface for s, f in zip(patches.surfaces, fits, strict=True)]
     near = Near(mesh, 0)
     out = list(patches.surfaces)
+    count = np.bincount(label[face] + 1, minlength=len(surfaces) + 1)[1:]
+    for _ in range(PASSES):  # what has become one may hold the points of a third
+        before = label.copy()
+        label, surfaces, out = _told_apart(near, label, surfaces, out, used, face, noise, size)
+        if (label == before).all():
+            break
+    for number in np.flatnonzero((np.bincount(label[face] + 1, minlength=len(out) + 1)[1:] < ENOUGH) & (count > 0)).tolist():
+        grown = _regrown(near, number, label, surfaces, used, face, noise, size) if out[number].kind != PLANE and (label == number).any() else None
+        if grown is not None:
+            surfaces[number], label[grown[1]] = grown[0], number
+            out[number] = grown[0]
+    kept = np.unique(label[label >= 0])
+    packed = np.full(len(surfaces) + 1, -1, np.int64)
+    packed[kept] = np.arange(len(kept))
+    return Patches(label=packed[label], surfaces=tuple(out[k] for k in kept))
+
+
+def _told_apart(
+    near: Near, label: IntArray, surfaces: list[Surface], out: list[Surface], used: FloatArray, face: IntArray, noise: float, size_m: float
+) -> tuple[IntArray, list[Surface], list[Surface]]:
+    """Labels and surfaces (as fitted to the points, and as to be drawn) once over all patches, the smallest first: one whose points lie on its
+    neighbours is none, one that is the same surface as a neighbour is joined with it.
+    """
+    label, surfaces, out = label.copy(), list(surfaces), list(out)
     area = np.bincount(label[label >= 0], weights=near.areas[label >= 0], minlength=len(surfaces))
     count = np.bincount(label[face] + 1, minlength=len(surfaces) + 1)[1:]
     for number in np.argsort(count, kind="stable").tolist():
@@ -52,21 +77,15 @@ def asked_for(mesh: TriangleMesh, patches: Patches, used: FloatArray, face: IntA
         if not names:
             continue
         is_wide = area[number] > WIDE * near.areas.sum()
-        if not is_wide and np.mean(_off([surfaces[k] for k in names], own) <= CLIP * noise) >= EXPLAINED:
-            label[rows] = -1
-            continue
-        other, joined = _joined(number, names, surfaces, used, label[face], noise, size)
+        lies = not is_wide and np.mean(_off([surfaces[k] for k in names], own) <= CLIP * noise) >= EXPLAINED
+        alike = [k for k in names if surfaces[k].kind == surfaces[number].kind]
+        same = alike if lies else [k for k in names if not is_wide or _are_round(surfaces, number, k)]
+        other, joined = _joined(number, same, names, surfaces, used, label[face], noise, size_m)
         if joined is not None:
             label[rows], surfaces[other], out[other] = other, joined, joined
-    for number in np.flatnonzero((np.bincount(label[face] + 1, minlength=len(out) + 1)[1:] < ENOUGH) & (count > 0)).tolist():
-        grown = _regrown(near, number, label, surfaces, used, face, noise, size) if out[number].kind != PLANE and (label == number).any() else None
-        if grown is not None:
-            surfaces[number], label[grown[1]] = grown[0], number
-            out[number] = grown[0]
-    kept = np.unique(label[label >= 0])
-    packed = np.full(len(surfaces) + 1, -1, np.int64)
-    packed[kept] = np.arange(len(kept))
-    return Patches(label=packed[label], surfaces=tuple(out[k] for k in kept))
+        elif lies:
+            label[rows] = -1
+    return label, surfaces, out
 
 
 def _measured(mesh: TriangleMesh, patches: Patches, face: IntArray, density: float) -> IntArray:
@@ -99,24 +118,30 @@ def _fits(mesh: TriangleMesh, patches: Patches, used: FloatArray, face: IntArray
 
 
 def _joined(
-    number: int, names: Sequence[int], surfaces: Sequence[Surface], used: FloatArray, label: IntArray, noise: float, size_m: float
-) -> tuple[int, Surface | None]:
-    """The neighbour of the same round kind with which a patch is one surface, which leaves no more than the noise in the points of both; and that.
+    number: int, others: Sequence[int], names: Sequence[int],
+    surfaces: Sequence[Surface], used: FloatArray, label: IntArray, noise: float, size_m: float,
+) -> tuple[int, Surface | None]:  # fmt: skip
+    """The one of `others` with which a patch is one surface of that one's kind, which leaves no more than the noise in the points of both; and that.
 
-    Points that lie on planes beside them say nothing of it.
+    names : all that are beside it. Points that lie on planes beside them, and of two planes those on what is round beside them, say nothing of it.
     """
-    kind = surfaces[number].kind
-    planes = [surfaces[k] for k in names if surfaces[k].kind == PLANE]
-    for other in names:
-        if kind == PLANE or surfaces[other].kind != kind:
-            continue
-        own, their = (p[_off(planes, p) > CLIP * noise] for p in (used[label == number], used[label == other]))
+    for other in others:
+        flat = surfaces[number].kind == surfaces[other].kind == PLANE
+        beyond = [surfaces[k] for k in names if (surfaces[k].kind != PLANE) == flat and k != other]
+        every = used[label == number]
+        own, their = (p[_off(beyond, p) > CLIP * noise] for p in (every, used[label == other]))
+        if not _are_round(surfaces, number, other) and 2 * len(own) < len(every):
+            continue  # most of it tells nothing
         found = fit_to_points(surfaces[other], np.concatenate([own, their]), size_m) if len(own) + len(their) >= ENOUGH else None
         if found is None or any(np.mean(found.surface.distance(p) ** 2 <= (CLIP * noise) ** 2) < EXPLAINED for p in (own, their) if len(p)):
             continue  # of a large and a small one a fit alone would clip the small
         if found.sigma_m**2 <= noise**2 * (1 + 3 * np.sqrt(2 / len(found.points))):
             return other, found.surface
     return -1, None
+
+
+def _are_round(surfaces: Sequence[Surface], first: int, second: int) -> bool:
+    return surfaces[first].kind != PLANE and surfaces[first].kind == surfaces[second].kind
 
 
 def _regrown(

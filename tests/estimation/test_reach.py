@@ -274,3 +274,13 @@ def test_rows_across_a_whole_scan_leave_its_length_open() -> None:
     assert with_length_std(wider, 0.5 * rows) is wider
     held = replace(member, parameters=(*member.parameters[:-1], replace(member.parameters[-1], std_m=None, source="fixed")))
     assert with_length_std(held, rows) is held
+
+
+@pytest.mark.parametrize(("web", "is_told"), [(0.016, True), (0.0799, False)])
+def test_toes_of_an_i_seen_from_one_side_are_no_channels_web(web, is_told) -> None:
+    """Both flanges stop at one line behind the web: no section of the table has a web of half the flange's width, but an I has toes there."""
+    member = made("C", values={"h": 0.45, "b": 0.152, "tw": web, "tf": 0.0108}, R=ASKEW, sigma=2e-4)
+    seen = tuple(name for name in faces("C") if name != "WEB_OUTER")
+    points = member_points("C", member.values(), 20_000, MemberScanOptions(noise_m=2e-4, faces=seen, seed=4)) @ ASKEW.T
+    found = reach(points, replace(member, seen={name: float(name in seen) for name in faces("C")}))
+    assert (found is not None) == is_told

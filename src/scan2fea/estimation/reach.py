@@ -26,6 +26,7 @@ from scipy.special import chdtrc, gammaincc
 from scan2fea.estimation.ends import RunEnd, run_end
 from scan2fea.estimation.straight import Face, straight_faces
 from scan2fea.estimation.swept import sweep_of_member
+from scan2fea.estimation.table import shipped_table
 from scan2fea.kernel.pinned import SEEN, pinned
 from scan2fea.kernel.section_likelihood import face_lengths, faces
 from scan2fea.kernel.sections import PARAMETERS, ROUND
@@ -81,7 +82,22 @@ def reach(points: FloatArray, member: Member, *, whole: bool = False) -> Reach |
         end = _ended(local, member, beside, face) if whole else _told(local, member, before, face, after)
         if end is not None:
             ends[face.name] = end.edge_m, end.std_m
-    return solved(member, seen, ends, len(local)) if ends else None
+    found = solved(member, seen, ends, len(local)) if ends else None
+    return found if found is not None and _is_built_so(member.family, found) else None
+
+
+def _is_built_so(family: str, found: Reach) -> bool:
+    """Whether the walls that hidden faces tell are no thicker beside the others than in any section of the table.
+
+    What stops there may be two toes and no face: an I seen from one side shows a channel whose web is as thick as half the flange is wide.
+    """
+    size = dict(zip(PARAMETERS[family], found.values, strict=True))
+    for wall, other in (("tw", "tf"), ("tf", "tw")):
+        if wall in found.told and other in size:
+            most = max((shape.parameters[wall] / shape.parameters[other] for shape in shipped_table().of(family)), default=math.inf)
+            if size[wall] > most * size[other]:
+                return False
+    return True
 
 
 def end_rows(points: FloatArray, member: Member) -> float:

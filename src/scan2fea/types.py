@@ -389,6 +389,27 @@ class SectionChange(Value):
     _ROWS = (("z_m", "value_m", "std_m"),)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Bend(Value):
+    """A circular bend of a member's axis, from start_m along the axis on; lengths along the axis go on through bends.
+
+    The axis turns by angle_rad about a centre at radius_m in the direction cos(roll) x + sin(roll) y of the member's frame as the bends before have
+    turned it. radius_std_m, angle_std_rad : standard deviations.
+    """
+
+    start_m: float
+    angle_rad: float
+    radius_m: float
+    roll_rad: float
+    radius_std_m: float = 0.0
+    angle_std_rad: float = 0.0
+
+    @property
+    def length_m(self) -> float:
+        """Of its arc."""
+        return self.angle_rad * self.radius_m
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Member(Value):
     """A prismatic member: a section of `kernel.sections` swept along a nearly straight axis.
@@ -402,6 +423,7 @@ class Member(Value):
     families : family -> posterior probability.   damage : significant places only.   change : of the section along the axis, None for a prism.
     inside : "solid", "hollow", or "unknown" where neither a face from within nor an end told a bar from a tube.
     told_toes : faces that end a wall, were not seen, and are known by a mirror image that was.
+    bends : of a pipe with elbows, from its first end on; z of the member is then the way along the axis, and end normals are as before the bends.
     reached : faces that were not seen and are known by where both their neighbours stop.   seated : by the support that they rest on.
     """
 
@@ -424,6 +446,7 @@ class Member(Value):
     told_toes: tuple[str, ...] = ()
     reached: tuple[str, ...] = ()
     seated: tuple[str, ...] = ()
+    bends: tuple[Bend, ...] = ()
 
     def values(self) -> dict[str, float]:
         """Every dimension by name, metres."""

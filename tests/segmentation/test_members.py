@@ -1,5 +1,7 @@
 """Members that touch fall apart; what is one body stays one; directions and runs against closed forms."""
 
+from pipes import Pipe, points_of
+
 import numpy as np
 import pytest
 
@@ -204,3 +206,9 @@ def test_two_beams_with_ties_farther_apart_than_they_are_deep_are_two():
     points = with_windows(0.12, 1.6, 0.5, 0.46)
     found = members(points)
     assert set(found[points[:, 1] > 0.55 * points[:, 1].max()]).isdisjoint(found[points[:, 1] < 0.45 * points[:, 1].min()])
+
+
+def test_a_pipe_with_elbows_stays_whole():
+    pipe = Pipe(d=0.1, t=0.005, runs=(0.9, 1.2), turns=((np.pi / 2, 0.0),), radius=0.15)
+    points, _ = points_of(pipe, 0.009, 0.0005, seed=1, inside=False)
+    assert members(points).max() == 0

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from scan2fea.cad.bent_pipe import bent_pipe_step
 from scan2fea.cad.prism_text import Curve, End, Side, prism_text
 from scan2fea.cad.readback import ReadBack, read_back
 from scan2fea.errors import CadError, InternalError, require
@@ -18,6 +19,7 @@ from scan2fea.kernel.sweep import Sweep, swept_points, swept_volume
 from scan2fea.types import Brep, FloatArray
 
 OCC_RESOLUTION_M = 1e-10  # as in brep.py
+ELBOWS = 1e-5  # relative: how well Open Cascade integrates over tori that it has read
 EXACT, BENT = 1e-6, 2e-3  # volume of the file against the closed form, which for twisted members with oblique ends holds to first order only
 BEND_DEGREE = 9
 COPLANAR = 1e-9  # of the size of a face
@@ -29,19 +31,25 @@ def prism_brep(shape: Outline, sweep: Sweep) -> Brep:
     """The B-Rep of an outline swept along a member.
 
     Straight: planes and true cylinders. Bent or twisted: B-splines, circles in quarters. Where the section changes along the axis faces are cut at
-    the knots of the change unless they go on in their plane; arcs become ruled B-splines there. Raises CadError where the file does not read back
-    as one valid solid of as many faces and of the volume of the member.
+    the knots of the change unless they go on in their plane; arcs become ruled B-splines there. Pipes with elbows: cylinders and tori.
+    Raises CadError where the file does not read back as one valid solid of as many faces and of the volume of the member.
     """
+    if sweep.bends:
+        return _read_back(*bent_pipe_step(shape, sweep), member_volume(shape, sweep), ELBOWS)
     edges = _edges(shape, sweep)
     sides = [side for loop, edge in edges for side in _sides(sweep, loop, edge)]
     ends = tuple(_plane(shape, sweep, float(share)) for share in sweep.knot_shares)
     names = (*(side.name for side in sides), FIRST_END, LAST_END)
     text = prism_text(sides, ends, names, OCC_RESOLUTION_M if sweep.is_straight else _fit_error(edges, sweep))
-    found = read_back(text)
     exact = sweep.is_straight and (sweep.stretch is None or _is_square(sweep))
-    problem = _problem(found, len(names), member_volume(shape, sweep), EXACT if exact else BENT)
-    require(not problem, CadError, f"no valid solid of the member: {problem}")
     kinds = (*(side.kind for side in sides), "plane", "plane")
+    return _read_back(text, names, kinds, member_volume(shape, sweep), EXACT if exact else BENT)
+
+
+def _read_back(text: str, names: tuple[str, ...], kinds: tuple[str, ...], volume_m3: float, limit: float) -> Brep:
+    found = read_back(text)
+    problem = _problem(found, len(names), volume_m3, limit)
+    require(not problem, CadError, f"no valid solid of the member: {problem}")
     return Brep(
         step=text, face_names=names, face_kinds=kinds, region_of_face=np.arange(len(names)), facet_of_face=np.full(len(names), -1, np.int64),
         volume_m3=found.volume_m3, area_m2=found.area_m2, is_valid=found.is_valid, n_solids=found.n_solids, n_free_edges=found.n_free_edges,

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 
 from scan2fea.cli.settings import config_of
 from scan2fea.estimation.given import SIGNIFICANT, Given
 from scan2fea.pipeline.fit import FittedFile, fit_file, write_member
-from scan2fea.types import Member, Parameter, SectionChange
+from scan2fea.types import Bend, Member, Parameter, SectionChange
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 NOT_EXPLAINED = 4
@@ -65,6 +66,7 @@ def _facts(member: Member) -> list[tuple[str, str]]:
     rows = [("noise", f"{noise}; {member.outlier_share:.1%} of the points belong to something else")]
     rows.append(("axis", _axis(member)))
     rows += [("section", _change(member.change))] if member.change is not None else []
+    rows += [("bends" if k == 0 else "", _bend(bend)) for k, bend in enumerate(member.bends)]
     families = sorted(member.families.items(), key=lambda item: -item[1])
     rows.append(("families", ", ".join(f"{name} {_probability(p)}" for name, p in families[:4] if p > 5e-4)))
     rows += [("catalogue" if k == 0 else "", f"{_probability(e.probability):>6}  {e.name}") for k, e in enumerate(member.catalogue[:SHOWN])]
@@ -94,7 +96,15 @@ def _change(change: SectionChange) -> str:
     return f"{change.kind}: {change.dimension} is {places} from the first end"
 
 
+def _bend(bend: Bend) -> str:
+    radius, std = bend.radius_m * MILLIMETRES_PER_METRE, bend.radius_std_m * MILLIMETRES_PER_METRE
+    turn = f"{math.degrees(bend.angle_rad):.2f} +- {math.degrees(bend.angle_std_rad):.2g} deg"
+    return f"{turn}, radius of the axis {radius:.1f} +- {std:.2g} mm, {bend.start_m:.3f} m from the first end along the axis"
+
+
 def _axis(member: Member) -> str:
+    if member.bends:
+        return f"{len(member.bends) + 1} straight runs; from ({', '.join(f'{x:.4f}' for x in member.T_world_member[:3, 3])}) m on"
     start, along = member.T_world_member[:3, 3], member.T_world_member[:3, 2]
     at, to = (", ".join(f"{x:.4f}" for x in v) for v in (start, start + along * member.values()["length"]))
     bent = float((member.bow**2).sum()) ** 0.5

@@ -63,7 +63,7 @@ def layers_of(solid: Solid, options: LayerOptions = LayerOptions()) -> Layers:
     points = swept_points(solid.mesh_sweep, grid.points, share)
     tags = [np.array([solid.face_names.index(name) for name in loop]) for loop in solid.loop_names]
     tag = np.array([tags[i][k] for i, k in zip(grid.rim_loop.tolist(), grid.rim_edge.tolist(), strict=True)], np.int64)
-    layer = float(np.linalg.norm(points[-1] - points[0], axis=1).max()) / (len(share) - 1)
+    layer = float(np.linalg.norm(np.diff(points, axis=0), axis=2).sum(axis=0).max()) / (len(share) - 1)
     return Layers(
         points=points, triangles=grid.triangles, rim=grid.rim, rim_tag=tag, face_names=solid.face_names, edge_m=edge, layer_m=layer
     )
@@ -116,10 +116,11 @@ def _sharp(corners: FloatArray, names: tuple[str, ...], curved: set[str]) -> tup
 
 def _n_layers(solid: Solid, grid: Grid, edge_m: float) -> int:
     """Layers as long as the elements; of a bent member at least as many as its strips."""
-    ends = swept_points(solid.mesh_sweep, grid.points, np.array([0.0, 1.0]))
-    longest = float(np.linalg.norm(ends[1] - ends[0], axis=1).max())
+    ends = swept_points(solid.mesh_sweep, grid.points, solid.sweep.knot_shares)
+    longest = float(np.linalg.norm(np.diff(ends, axis=0), axis=2).sum(axis=0).max())
     n_strips = (len(solid.mesh.vertices) // sum(len(loop) for loop in solid.loops)) - 1
-    return max(1, n_strips if not solid.sweep.is_straight else 1, math.ceil(longest / edge_m - 1e-9))
+    n = max(1, n_strips if not solid.sweep.is_straight else 1, math.ceil(longest / edge_m - 1e-9))
+    return len(shares_with_knots(solid.sweep, n)) - 1 if solid.sweep.bends else n
 
 
 def _n_nodes(grid: Grid, n_layers: int) -> int:

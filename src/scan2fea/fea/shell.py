@@ -80,6 +80,7 @@ def shell_model(member: Member) -> ShellModel:
     Raises SolveError where its section changes along its axis, or a wall is too thick for a shell.
     """
     require(member.change is None, SolveError, "a member whose section changes along its axis is not made of shells")
+    require(not member.bends, SolveError, "a pipe with elbows is not made of shells")
     values = member.values()
     lines, thickness = _chains(member.family, values)
     widths = [float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line in lines]

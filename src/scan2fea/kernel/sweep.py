@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -9,12 +10,14 @@ from itertools import pairwise
 import numpy as np
 
 from scan2fea.errors import StageError, require
+from scan2fea.kernel.bends import bent
 from scan2fea.kernel.stretch import Stretch, stretch_of
 from scan2fea.kernel.transforms import applied
-from scan2fea.types import FloatArray, Member, Value
+from scan2fea.types import Bend, FloatArray, Member, Value
 
 MIN_END_COSINE = 0.1  # an end plane within 6 degrees of the axis is no end
 MAX_STRIPS = 400
+BEND_STEP = 0.08  # radians of a bend between two stations: its volume is a tenth of a per cent short then
 STALLED = 0.9  # half as many strips again that gain less than 10 % gain nothing
 
 
@@ -23,6 +26,7 @@ class Sweep(Value):
     """T_world_member : (4, 4).   length_m.   bow : (2, k), twist : (q,) Legendre coefficients as in `types.Member`.   end_normals : (2, 3).
 
     stretch : how the places of the section move where it grows, None for a prism; by growth_m (k,) at heights knots_m (k,) from 0 to length.
+    bends : of a pipe with elbows; heights are then ways along its axis.
     """
 
     T_world_member: FloatArray
@@ -33,11 +37,12 @@ class Sweep(Value):
     stretch: Stretch | None = None
     knots_m: FloatArray = field(default_factory=lambda: np.zeros(0))
     growth_m: FloatArray = field(default_factory=lambda: np.zeros(0))
+    bends: tuple[Bend, ...] = ()
 
     @property
     def is_straight(self) -> bool:
         """Whether its edges are straight lines between knots."""
-        return not (np.any(self.bow) or np.any(self.twist))
+        return not (np.any(self.bow) or np.any(self.twist) or self.bends)
 
     @property
     def is_prism(self) -> bool:
@@ -45,7 +50,9 @@ class Sweep(Value):
 
     @property
     def knot_shares(self) -> FloatArray:
-        """(k,) shares of the way where the section starts to change otherwise, ends included."""
+        """(k,) shares of the way where the section starts to change otherwise, or a bend begins or ends; ends included."""
+        if self.bends:
+            return np.array([0.0, *(at / self.length_m for b in self.bends for at in (b.start_m, b.start_m + b.length_m)), 1.0])
         return np.array([0.0, 1.0]) if self.stretch is None else np.asarray(self.knots_m / self.length_m)
 
     def growth(self, z: FloatArray) -> FloatArray:
@@ -71,6 +78,7 @@ def sweep_of(member: Member) -> Sweep:
         stretch=None if change is None else stretch_of(member.family, member.values(), change.dimension, change.side),
         knots_m=np.zeros(0) if change is None else np.asarray(change.z_m, float),
         growth_m=np.zeros(0) if change is None else np.asarray(change.value_m, float) - member.values()[change.dimension],
+        bends=member.bends,
     )
 
 
@@ -116,6 +124,7 @@ def swept_points(sweep: Sweep, section: FloatArray, share: FloatArray) -> FloatA
     first, last = ends_at(sweep, section)
     z = _heights(sweep, first, last, share)
     local = np.concatenate([_across(sweep, section, z), z[..., None]], axis=-1)
+    local = bent(sweep.bends, local) if sweep.bends else local
     return applied(sweep.T_world_member, local.reshape(-1, 3)).reshape(local.shape)
 
 
@@ -148,6 +157,9 @@ def stations(sweep: Sweep, loops: Sequence[FloatArray], tolerance_m: float) -> t
     """
     if sweep.is_straight:
         return sweep.knot_shares, 0.0
+    if sweep.bends:
+        share = shares_with_knots(sweep, 1)
+        return share, _largest_gap(sweep, np.concatenate(loops), np.concatenate([np.roll(loop, -1, axis=0) for loop in loops]), share)
     section, after = np.concatenate(loops), np.concatenate([np.roll(loop, -1, axis=0) for loop in loops])
     n_strips, last = 1, np.inf
     while True:
@@ -162,7 +174,11 @@ def stations(sweep: Sweep, loops: Sequence[FloatArray], tolerance_m: float) -> t
 def shares_with_knots(sweep: Sweep, n: int) -> FloatArray:
     """(m + 1,) shares of the way, evenly spread between the knots, about n strips in all."""
     knots = sweep.knot_shares
-    parts = [np.linspace(a, b, max(1, int(np.ceil(n * (b - a) - 1e-9))) + 1)[:-1] for a, b in pairwise(knots)]
+    least = [1, *(k for b in sweep.bends for k in (math.ceil(b.angle_rad / BEND_STEP), 1))]
+    strips = least if sweep.bends else [1] * (len(knots) - 1)
+    parts = [
+        np.linspace(a, b, max(m, int(np.ceil(n * (b - a) - 1e-9))) + 1)[:-1] for (a, b), m in zip(pairwise(knots), strips, strict=True)
+    ]
     return np.concatenate([*parts, [1.0]])
 
 

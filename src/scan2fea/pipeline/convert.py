@@ -102,7 +102,7 @@ def _solved(
     n = len(tets.value.nodes)
     model = record("model", build_model, tets, options=config.fea, extra=number, n_in=n, count=lambda m: len(m.node_sets), keep=False)
     made.model = model.value
-    source: list[Tracked[Any]] = [model] if member is None else [model, member]
+    source: list[Tracked[Any]] = [model] if member is None or member.value.bends else [model, member]  # bends have no closed forms
     radius = {"root_radius_m": config.solid.root_radius_m}
     solved = record("solve", _solve, *source, options=config.fea, extra=radius, n_in=len(tets.value.tets), count=lambda r: r.n_dof)
     return model.value, solved.value

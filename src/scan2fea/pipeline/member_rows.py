@@ -34,6 +34,17 @@ def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Giv
         "bow_m": np.asarray(member.bow).tolist(),
         "twist_rad": np.asarray(member.twist).tolist(),
         "change": _change_row(member),
+        "bends": [
+            {
+                "start_m": b.start_m,
+                "angle_rad": b.angle_rad,
+                "radius_m": b.radius_m,
+                "roll_rad": b.roll_rad,
+                "radius_std_m": b.radius_std_m,
+                "angle_std_rad": b.angle_std_rad,
+            }
+            for b in member.bends
+        ],
         "end_normals": np.asarray(member.end_normals).tolist(),
         "residual": {"sigma_m": member.sigma_m, "noise": member.noise, "outlier_share": member.outlier_share},
         "seen": dict(member.seen),

@@ -102,7 +102,7 @@ def write_object(made: Made, folder: Path, config: Config) -> list[str]:
     if made.model is not None and made.member is not None:
         with contextlib.suppress(StageError):  # of a member that is no straight beam there is none; its solid stands by itself
             write_text(folder / "model_beam.inp", write_frame_inp(frame_of([made.member], config.fea)[0], units))
-        with contextlib.suppress(StageError):  # nor are thick walls shells
+        with contextlib.suppress(StageError):  # nor are thick walls shells, nor bent pipes
             write_text(folder / "model_shell.inp", write_shell_inp(made.member, config.fea, units))
     return sorted(path.name for path in folder.iterdir() if path.is_file())
 

@@ -4,6 +4,7 @@ it is tried first, and whatever it does not explain is reconstructed. Why is tol
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from scan2fea.estimation.beside import strip_beside
 from scan2fea.estimation.catalogued import catalogued, with_standard_odds
 from scan2fea.estimation.damage import damages
 from scan2fea.estimation.designation import parse_designation
+from scan2fea.estimation.elbows import bent_back, laid_out
 from scan2fea.estimation.fit import SectionFit
 from scan2fea.estimation.given import Given, contradictions
 from scan2fea.estimation.member import MemberFit, MemberOptions, fit_member
@@ -22,10 +24,11 @@ from scan2fea.estimation.several import several_members
 from scan2fea.estimation.systematic import face_error
 from scan2fea.estimation.table import Table, read_table
 from scan2fea.kernel.noise import spacing
-from scan2fea.kernel.sections import PARAMETERS
+from scan2fea.kernel.pipe_path import pipe_path
+from scan2fea.kernel.sections import PARAMETERS, ROUND
 from scan2fea.options import option
 from scan2fea.pipeline.dimension_doubt import PoseDoubt, widened
-from scan2fea.types import FloatArray, Footing, Member, Route, Scan, Value
+from scan2fea.types import FloatArray, Footing, Member, PointCloud, Route, Scan, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 ESTIMATION, RECONSTRUCTION = "estimation", "reconstruction"
@@ -97,7 +100,39 @@ def estimate(
 
     known : of this object alone, in place of `route.member`.   doubt : of the places that its points, by `frame`, were measured from.
     footings : planes that the object may rest on.   strips : (k, 3) points of thin objects beside it.   covers : of all others.
+    A pipe with elbows is a member of its points laid out straight; what it rests on or was covered by is not asked there.
     """
+    pipe = None if doubt.between_m > 0 else _with_elbows(scan, options, route, known)
+    return pipe or _straight(scan, options, route, known, doubt, footings, strips, covers)
+
+
+def _with_elbows(scan: Scan, options: MemberOptions, route: RouteOptions, known: KnownSection | None) -> Estimate | None:
+    """The pipe with elbows that the points are; None where they are none."""
+    cloud, family = scan.cloud, (known.family if known is not None else "") or options.family
+    points = cloud.points if cloud.is_inferred is None else cloud.points[~cloud.is_inferred]
+    path = pipe_path(points, options.seed) if not family or family in ROUND else None
+    if path is None:
+        return None
+    straight = Scan(cloud=PointCloud.of(laid_out(points, path)))
+    found = _straight(straight, replace(options, max_degree=1, twist=False), route, known)
+    member = bent_back(found.member, path) if found.member is not None and found.explains else None
+    if member is None:
+        return None
+    turns = ", ".join(f"{math.degrees(b.angle_rad):.1f} deg at {b.radius_m * MILLIMETRES_PER_METRE:.1f} mm" for b in member.bends)
+    return replace(found, member=member, reason=f"pipe with {len(member.bends)} bend{'s'[: len(member.bends) > 1]} ({turns}): {found.reason}")
+
+
+def _straight(
+    scan: Scan,
+    options: MemberOptions,
+    route: RouteOptions,
+    known: KnownSection | None = None,
+    doubt: PoseDoubt = PoseDoubt(),
+    footings: Sequence[Footing] = (),
+    strips: Sequence[FloatArray] = (),
+    covers: Sequence[FloatArray] = (),
+) -> Estimate:
+    """`estimate` of a member without elbows."""
     table = table_of(route)
     section = known_section(route, table) if known is None else known
     if scan.cloud.is_inferred is not None and bool((scan.cloud.is_inferred & (scan.cloud.frame >= 0)).any()):

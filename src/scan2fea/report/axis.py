@@ -26,7 +26,7 @@ def axis_drawing(member: Row) -> Html:
     """Sag along x and y of the section, enlarged by a stated factor; places of damage as crosses. Nothing where it is straight and whole."""
     length = (((member.get("parameters") or {}).get("length")) or {}).get("value_m")
     bow = _bow(member.get("bow_m"))
-    if not is_number(length) or not length > 0:
+    if not is_number(length) or not length > 0 or member.get("bends"):  # the picture of the solid shows these
         return NOTHING
     at = np.linspace(0.0, 1.0, 61)
     series = np.concatenate([np.zeros((2, 2)), bow], axis=1)  # degrees 0 and 1 are the straight line itself

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -209,6 +210,7 @@ def _facts(member: Row) -> Html:
         best = sorted(((str(k), float(v)) for k, v in families.items() if is_number(v) and v > 5e-4), key=lambda pair: -pair[1])[:4]
         rows += [("Family", ", ".join(f"{name} {percent(share)}" for name, share in best))] if best else []
     rows += _change(member.get("change"))
+    rows += [(f"Bend {k + 1}", _bend(bend)) for k, bend in enumerate(_rows(member.get("bends")))]
     rows += [("Given dimensions", f"p-value {number(member['p_fixed'], 2)}")] if is_number(member.get("p_fixed")) else []
     return facts(rows) if rows else NOTHING
 
@@ -222,6 +224,13 @@ def _change(change: object) -> list[tuple[str, object]]:
         return []
     places = [f"{number(float(v) * MILLIMETRES_PER_METRE, 5)} mm at {number(float(z), 4)} m" for z, v in zip(at, values, strict=False)]
     return [("Section along the axis", f"{change.get('kind')} of {change.get('dimension')}: {', '.join(places)}")]
+
+
+def _bend(bend: Row) -> str:
+    """Angle and radius of a bend of the axis, and where it begins."""
+    turn = with_deviation(math.degrees(float(bend["angle_rad"])), math.degrees(float(bend["angle_std_rad"])))
+    radius = with_deviation(float(bend["radius_m"]) * MILLIMETRES_PER_METRE, float(bend["radius_std_m"]) * MILLIMETRES_PER_METRE)
+    return f"{turn} degrees, radius of the axis {radius} mm, from {number(float(bend['start_m']), 4)} m on along the axis"
 
 
 def _given(entries: Sequence[Row]) -> Html:

@@ -17,6 +17,7 @@ import numpy as np
 from scipy import ndimage
 
 from scan2fea.kernel.neighbors import k_nearest, radius_components
+from scan2fea.kernel.pipe_path import pipe_path
 from scan2fea.kernel.spanning_tree import tree_parts
 from scan2fea.segmentation.extents import Extent, extent_of
 from scan2fea.segmentation.leaves import apart_from_leaves, leaves_of, share_of_surfaces
@@ -75,7 +76,7 @@ def _of_surfaces(points: FloatArray, thin: Thin, min_points: int, seed: int) -> 
         return whole
     group = _joined(thin, piece)
     chosen = _members_of(thin, group)
-    if chosen is None:
+    if chosen is None or pipe_path(points, seed) is not None:  # a pipe with elbows
         return whole
     member, extents = chosen
     filled = _filled(thin, _run_through(thin, member, extents), extents)

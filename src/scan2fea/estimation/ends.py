@@ -211,11 +211,13 @@ def _side(points: FloatArray, rough: tuple[float, float], sigma_m: float, cap_ra
         return _Side(fits=(unknown(rough[0], 0.05 * span, 1.0, rough),) * len(caps), slope=none, slope_std=none, pivot=pivot, excess=excess)
     reach = max(_WINDOW * s, _WINDOW_POINTS / density)
     fits = edge_fits(z, s, reach, rough[0], caps[:2], kept)
-    slope, slope_std = _tilted_by(xy - pivot, z, s * _likeliest(_by_noise(z, s, fits, caps[:2])), reach, fits, kept)
+    by_noise = _by_noise(z, s, fits, caps[:2])
+    slope, slope_std = _tilted_by(xy - pivot, z, s * _likeliest(by_noise), reach, fits, kept)
     level = z - (xy - pivot) @ slope
     if slope.any():
         fits = edge_fits(level, s, reach, rough[0], caps[:2], kept)
-    by_noise = _followed(_by_noise(level, s, fits, caps[:2]))
+        by_noise = _by_noise(level, s, fits, caps[:2])
+    by_noise = _followed(by_noise)
     by_noise = _by_noise(level, s, fits, caps, tuple(by_noise)) or {1.0: fits[:1] * len(caps)}
     if look is not None:
         by_noise = _looked_across(by_noise, xy, level, s, points[inside, :2], density, look)

@@ -14,7 +14,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 _SEEDS = 60  # places where a run is looked for
 _ASKED, _CURVED = 12, 0.3  # seeds, and their share that must lie on something bent one way
-_PATCHES = (2.5, 3.5, 5.0, 7.0, 10.0, 14.0, 20.0, 30.0)  # spacings: sizes of the patches that tell a curvature
+_PATCHES = (16, 32, 64, 128, 256, 512, 1024)  # points of the patches that tell a curvature
 _PATCH_POINTS = 12
 _TELLS = 5.0  # standard deviations of a curvature that is one
 _FLAT = 1e-3  # of the inverse of a patch's size: a curvature below is none
@@ -60,7 +60,7 @@ def runs_of(points: FloatArray, h: float, tolerance: float, seed: int) -> list[R
     for row in np.random.default_rng(seed).permutation(sampled_rows(len(points), _SEEDS, seed)):
         if not free[row]:
             continue
-        begun = _curved(points, tree, int(row), h, tolerance)
+        begun = _curved(points, tree, int(row), tolerance)
         n_asked, n_curved = n_asked + 1, n_curved + (begun is not None)
         if n_asked >= _ASKED and n_curved < _CURVED * n_asked:
             return []  # nothing that is bent everywhere
@@ -103,14 +103,15 @@ def _goes_on(one: Run, other: Run) -> bool:
     return bool(off.max() < WIDE * one.radius and apart < one.radius)
 
 
-def _curved(points: FloatArray, tree: cKDTree, row: int, h: float, tolerance: float) -> _Patch | None:
+def _curved(points: FloatArray, tree: cKDTree, row: int, tolerance: float) -> _Patch | None:
     """Place on the axis, direction, radius and rows of a patch about one point that is bent one way only; the smallest patch that tells so.
 
     Of two skins the better seen one is fitted: once it is told by how far points lie off a quadric through both.
     """
     for size in _PATCHES:
-        rows = np.array(tree.query_ball_point(points[row], size * h), np.int64)
-        if len(rows) < _PATCH_POINTS:
+        distance, near = tree.query(points[row], min(size, len(points)))
+        rows, reach = np.asarray(near, np.int64), float(distance[-1])
+        if not reach > 0:
             continue
         local = points[rows] - points[row]
         turn = np.linalg.eigh(np.cov(local.T))[1][:, ::-1]  # the normal last
@@ -129,9 +130,9 @@ def _curved(points: FloatArray, tree: cKDTree, row: int, h: float, tolerance: fl
         values, ways = np.linalg.eigh(np.array([[q[3], q[4]], [q[4], q[5]]]))
         k = int(np.argmax(np.abs(values)))
         bent, other = float(values[k]), float(values[1 - k])
-        if abs(bent) < max(_TELLS * std, _FLAT / (size * h)) or abs(other) > _ROUND * abs(bent) + _BENT_SIGMAS * std:
+        if abs(bent) < max(_TELLS * std, _FLAT / reach) or abs(other) > _ROUND * abs(bent) + _BENT_SIGMAS * std:
             continue
-        if size * h * abs(bent) > 1.0:
+        if reach * abs(bent) > 1.0:
             return None  # the patch is larger than the radius: no smaller one told it
         return points[row] + (q[0] + 1 / bent) * turn[:, 2], turn[:, :2] @ ways[:, 1 - k], 1.0 / abs(bent), rows[own]
     return None

@@ -110,7 +110,7 @@ def _curved(points: FloatArray, tree: cKDTree, row: int, tolerance: float) -> _P
     """
     for size in _PATCHES:
         distance, near = tree.query(points[row], min(size, len(points)))
-        rows, reach = np.asarray(near, np.int64), float(distance[-1])
+        rows, reach = np.asarray(near, np.int64), float(np.max(distance))
         if not reach > 0:
             continue
         local = points[rows] - points[row]

@@ -94,3 +94,10 @@ def test_what_is_no_pipe_with_elbows(make):
 
 def test_all_points_alike():
     assert pipe_path(np.zeros((100, 3))) is None
+
+
+def test_a_path_that_its_points_do_not_lie_on_is_none():
+    """Few points of no noise: runs through both skins gave bends that were 0.7 degrees off."""
+    coarse = Pipe(d=0.2971, t=0.0231, runs=(2.4265, 0.6404, 2.2763), turns=((1.0231, 5.0851), (QUARTER / 2, 1.9063)), radius=0.7427)
+    path = pipe_path(points_of(coarse, 0.0456, seed=210)[0])
+    assert path is None or sorted(b.angle_rad for b in path.bends) == pytest.approx([QUARTER / 2, 1.0231], abs=2e-3)

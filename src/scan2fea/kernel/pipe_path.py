@@ -26,6 +26,7 @@ _MEET = 0.25  # of the radius by which the lines of runs may pass each other
 _FARTHEST = 24.0  # radii from a run's end to the corner: bends of 12 diameters
 _LEAST_TURN, _MOST_TURN = math.radians(4.0), math.radians(150.0)
 _TIGHTEST = 1.2  # of the radius: a bend below folds its inner side (elbows have 2 and 3)
+_HELD = 0.75  # of the points lie on its skins (of paths that are right at least 0.96, of wrong ones at most 0.56)
 _ON = 0.9  # of the points lie on the skins or between them
 _SIGMAS = 2.5
 _GRAIN = 0.02  # of a spacing: what points of no noise may lie off
@@ -172,7 +173,8 @@ def _fitted(
     T, bends = found
     off = _off(some, T, bends)
     radii_m = skins(off, float(theta[-1]), tolerance)
-    if np.mean(off < radii_m.max() + tolerance) < _ON:
+    on_skins = np.abs(off[:, None] - radii_m).min(axis=1) < tolerance
+    if on_skins.mean() < _HELD or np.mean(off < radii_m.max() + tolerance) < _ON:
         return None
     variance = 2 * float(fit.cost) / max(len(own) - len(theta), 1)
     jacobian = np.asarray(fit.jac, float)

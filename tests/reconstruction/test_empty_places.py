@@ -6,7 +6,7 @@ import pytest
 
 from predicates import box, moved, rotation
 from scan2fea.kernel.distances import sample_surface
-from scan2fea.reconstruction.empty_places import CHANCE, _circles, emptiness, empty_places
+from scan2fea.reconstruction.empty_places import CHANCE, emptiness, empty_circles, empty_places
 from scan2fea.types import TriangleMesh
 
 SIZE, WALL, N = (1.0, 0.6, 0.05), 0.05, 1500
@@ -42,7 +42,7 @@ def test_emptiness_is_a_chance_of_the_whole_part():
 
 def test_circles_are_empty_and_go_through_three_points():
     points = np.random.default_rng(0).random((40, 2))
-    middle, radius = _circles(points)
+    middle, radius = empty_circles(points)
     off = np.linalg.norm(points[None] - middle[:, None], axis=2)
     assert len(middle) == 2 * 40 - 2 - len(np.unique(_hull(points)))  # Euler
     assert (off >= radius[:, None] * (1 - 1e-9)).all()

@@ -100,16 +100,22 @@ class Arrangement:
         """The cells that any of the points lies in."""
         return [int(c) for c in np.unique(self.located(points))]
 
-    def cut(self, plane: int, cells: Sequence[int]) -> None:
-        """Cut the given cells by a plane, where it passes through them."""
+    def cut(self, plane: int, cells: Sequence[int]) -> tuple[list[int], list[int]]:
+        """Cut the given cells by a plane, where it passes through them. Returns what of them lies in front of it, and what behind."""
         height = np.array(self.vertices) @ self.normals[plane] - self.offsets[plane]
         side = np.where(np.abs(height) <= ON_PLANE * self.size, 0, np.sign(height)).astype(np.int64).tolist()
         leaf = {node[1]: k for k, node in enumerate(self.tree) if node[0] < 0}
+        front, behind = list[int](), list[int]()
         for c in cells:
             corners = {v for f in self.facets[c] for v in self.loops[f]}
             sides = {side[v] for v in corners if v < len(side)}  # a vertex made by this cut lies on the plane
             if 1 in sides and -1 in sides:
+                front.append(c)
+                behind.append(self.n_cells)
                 self._split(c, plane, side, height, leaf[c])
+            else:
+                (front if 1 in sides else behind).append(c)
+        return front, behind
 
     def _split(self, c: int, plane: int, side: list[int], height: FloatArray, node: int) -> None:
         new = len(self.facets)

@@ -189,10 +189,10 @@ def first_plane(points: FloatArray, normals: FloatArray) -> Surface:
 def first_cylinder(points: FloatArray, normals: FloatArray) -> Surface | None:
     """The axis is the direction that the normals have least of; centre and radius from p - r n = c, a linear problem."""
     axis = np.linalg.eigh(normals.T @ normals)[1][:, 0]
-    return _about(points, normals, axis)
+    return about_axis(points, normals, axis)
 
 
-def _about(points: FloatArray, normals: FloatArray, axis: FloatArray) -> Surface | None:
+def about_axis(points: FloatArray, normals: FloatArray, axis: FloatArray) -> Surface | None:
     blank = Surface(kind=CYLINDER, point=points.mean(0), axis=axis)
     e = blank.frame()
     p, n = (points - blank.point) @ e.T, normals @ e.T

@@ -7,10 +7,13 @@ that was seen holds as many points for its area as the others; noise carries som
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.special import pdtr
 
 from scan2fea.kernel.distances import PointToMesh, sample_surface
 from scan2fea.kernel.measures import face_areas, face_normals, volume
+from scan2fea.kernel.primitives import Plane
+from scan2fea.reconstruction.blurred_faces import from_outline
 from scan2fea.reconstruction.budget import BARE_FACES
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.wall_ends import BEYOND, passed
@@ -19,6 +22,8 @@ from scan2fea.types import BoolArray, Check, FloatArray, TriangleMesh
 LIMIT = 0.02  # of the volume: as behind ends of walls
 CHANCE, CHANCE_HALF = 0.0025, 0.05  # of so few points at the density of the other faces, and at half of it
 PLACES = 64  # of a face, where sight lines are asked for
+INNER, LEAST_INNER = 1.5, 12  # spacings from the edges of a face, beyond which no noise carries points of others; points that make a plane
+ASKED = 1000  # places of a face
 PASSED = 0.5  # of them: the face was seen to end there
 
 
@@ -30,10 +35,17 @@ def bare_faces(mesh: TriangleMesh, points: FloatArray, sensors: FloatArray, spac
     region = np.zeros(len(mesh.faces), np.int64) if mesh.face_region is None else np.unique(mesh.face_region, return_inverse=True)[1].ravel()
     areas = face_areas(mesh)
     area = np.asarray(np.bincount(region, areas), float)
-    held = np.bincount(region[PointToMesh(mesh).nearest(points).face], minlength=len(area))
-    due = area * _typical(held / np.maximum(area, np.finfo(float).tiny), area)
+    near = PointToMesh(mesh).nearest(points)
+    held = np.bincount(region[near.face], minlength=len(area))
+    typical = _typical(held / np.maximum(area, np.finfo(float).tiny), area)
+    due = typical * area
     bare = np.flatnonzero((pdtr(held, due) <= CHANCE) & (pdtr(held, 0.5 * due) <= CHANCE_HALF))
-    bare = bare[[not _seen_past(mesh, region == r, points, sensors, spacing_m) for r in bare]] if len(bare) else bare
+    seen = [
+        _seen_past(mesh, region == r, points, sensors, spacing_m)
+        or _seen_in_part(mesh, region == r, near.closest[region[near.face] == r], typical, spacing_m)
+        for r in bare
+    ]
+    bare = bare[~np.array(seen, bool)]
     corners = [mesh.vertices[np.unique(mesh.faces[region == r])] for r in bare]
     hidden = sum(area[r] * _extent(own) / np.pi for r, own in zip(bare, corners, strict=True))
     share = min(1.0, float(hidden) / abs(volume(mesh)))
@@ -46,6 +58,23 @@ def _typical(density: FloatArray, area: FloatArray) -> float:
     """Points per area: that of the face in whose middle half of the area, ordered by density, has been passed."""
     order = np.argsort(density, kind="stable")
     return float(density[order][np.searchsorted(np.cumsum(area[order]), 0.5 * area.sum())])
+
+
+def _seen_in_part(mesh: TriangleMesh, own: BoolArray, places: FloatArray, typical: float, spacing_m: float) -> bool:
+    """Is a face measured as densely as the others where it is, away from its edges? Then it was seen, and the rest of it is a gap (`flat_gaps`).
+
+    places : (n, 3) of its points on it.   typical : points per area.
+    """
+    axes = Plane(normal=face_normals(mesh)[own][0], offset=0.0).axes()
+    if not len(places):
+        return False
+    within = places[from_outline(mesh, own, axes, places) < -INNER * spacing_m]
+    if len(within) < LEAST_INNER:
+        return False
+    asked = sample_surface(TriangleMesh(vertices=mesh.vertices, faces=mesh.faces[own]), ASKED, seed=0)[0]
+    near = np.asarray(cKDTree(within).query(asked)[0]) <= spacing_m
+    covered = float(np.mean(near & (from_outline(mesh, own, axes, asked) < -INNER * spacing_m))) * float(face_areas(mesh)[own].sum())
+    return bool(pdtr(len(within), 0.5 * typical * covered) > CHANCE_HALF)
 
 
 def _extent(corners: FloatArray) -> float:

@@ -84,7 +84,7 @@ def _in_wall(
     flat = points[both] @ axes.T
     areas = face_areas(mesh)
     density = sum(float(np.sum(of == number)) / float(areas[own].sum()) for number, own in zip(pair, faces, strict=True))
-    middle, radius = _circles(flat)
+    middle, radius = empty_circles(flat)
     large = np.flatnonzero(math.pi * density * radius**2 >= least)
     clearance = np.min([np.abs(from_outline(mesh, own, axes, middle[large] @ axes)) for own in faces], axis=0)
     large = large[clearance >= WITHIN * radius[large]]
@@ -106,7 +106,7 @@ def _hair(mesh: TriangleMesh) -> float:
     return HAIR * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
 
 
-def _circles(flat: FloatArray) -> tuple[FloatArray, FloatArray]:
+def empty_circles(flat: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Middles (m, 2) and radii (m,) of the circles through three of the points (n, 2) that hold no other."""
     try:
         corners = flat[Delaunay(flat).simplices]

@@ -1,8 +1,9 @@
-"""When a solid of flat faces must not be shipped: what its points, and the surface it was labelled by, say against it."""
+"""When a solid of flat and round faces must not be shipped: what its points, and the surface it was labelled by, say against it."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import fdtrc
@@ -17,8 +18,11 @@ from scan2fea.reconstruction.empty_places import empty_places
 from scan2fea.reconstruction.evidence import at_most, mm
 from scan2fea.reconstruction.flat_gaps import flat_ends, hidden_volume_flat
 from scan2fea.reconstruction.gates import in_all
+from scan2fea.reconstruction.gates_round import one_region, out_of_round, rolled, round_distance
 from scan2fea.reconstruction.gates_surface import deviation, mean_curvature, stray
 from scan2fea.reconstruction.plane_growing import Planes, tolerance_m
+from scan2fea.reconstruction.round_cuts import Shapes
+from scan2fea.reconstruction.round_growing import CHORD
 from scan2fea.reconstruction.rounds import on_rounds
 from scan2fea.reconstruction.sight import blocked_lines
 from scan2fea.reconstruction.visibility import DARK_HOLES, Reconstruction
@@ -40,8 +44,8 @@ UNMEASURED = 0.10
 RIM_CUT = 0.3  # h^2 per length of edge that a surface through points cuts off
 
 
-def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, planes: Planes, seen_through_m3: float | None = None) -> tuple[Check, ...]:
-    """The checks of a solid of flat faces. first : the surface that told inside from outside.
+def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: Shapes, seen_through_m3: float | None = None) -> tuple[Check, ...]:
+    """The checks of a solid of flat and round faces. first : the surface that told inside from outside.   every : what its face_region names.
 
     seen_through_m3 : where sight lines told it in its place, the volume of the solid that they pass through.
     """
@@ -51,28 +55,30 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, planes: 
     backed = np.concatenate([cloud.points, first.carried])
     h, sigma = first.spacing_m, first.sigma_m
     nearest = PointToMesh(mesh).nearest(measured)
-    off, face = nearest.distance, nearest.face
-    limit = tolerance_m(h, sigma) + 0.03 * h
-    held = off <= limit
-    share = float(np.mean(~held))
-    scatter = float(np.sqrt(np.mean(off[held] ** 2))) if held.any() else math.inf
-    area = face_areas(mesh)
     region = np.zeros(len(mesh.faces), np.int64) if mesh.face_region is None else mesh.face_region
-    open_m3 = math.sqrt(float(((np.bincount(region, area) * _std_of(region, planes)) ** 2).sum()))
+    whole, unrolled, number = one_region(mesh, every), rolled(every), every.round_of[region // 2]
+    of, face = number[nearest.face], nearest.face
+    off = round_distance(measured, of, nearest.distance, every)
+    held = off <= tolerance_m(h, sigma) + 0.03 * h + np.where(of >= 0, CHORD * h, 0.0)
+    flat, bowed = held & (of < 0), held & (of >= 0)
+    share = float(np.mean(~held))
+    open_m3 = _open_m3(whole, every)
     body, before = abs(volume(mesh)), abs(volume(first.mesh))
     cut, grown = _rims(mesh, h, sigma)
     larger = before / body - 1.0
     apart = max(0.0, larger - grown / body, -larger - cut / body) if seen_through_m3 is None else seen_through_m3 / body
+    flats = replace(mesh, faces=mesh.faces[number < 0], face_region=region[number < 0])
     checks = [
         at_most(
             "points beside flat faces", share, UNEXPLAINED,
-            f"{share:.1%} of the points lie on none of the flat faces (limit {UNEXPLAINED:.0%}): the part has curved or missing ones",
+            f"{share:.1%} of the points lie on none of the faces (limit {UNEXPLAINED:.0%}): the part has curved or missing ones",
         ),
-        at_most(
-            "scatter about flat faces", scatter, EXCESS * sigma + BEND_SPACING * h,
-            f"points scatter {mm(scatter)} about the flat faces against a noise of {mm(sigma)}: faces are missing or not flat", "m",
-        ),
-        _bent(measured[held], face[held], region, planes, on_rounds(mesh, measured[held], h), sigma, h),
+        _scatter("scatter about flat faces", off[flat], EXCESS * sigma + BEND_SPACING * h, sigma),
+        _bent(measured[flat], face[flat], region, every.planes, on_rounds(flats, measured[flat], h), sigma, h),
+        *((
+            _scatter("scatter about round faces", off[bowed], EXCESS * sigma + CHORD * h, sigma),
+            out_of_round(measured[held], of[held], every, sigma, h),
+        ) if len(every.rounds) else ()),
         at_most(
             PLACE, open_m3 / body, UNCERTAIN,
             f"the noise leaves {open_m3 / body:.1%} of the volume open (limit {UNCERTAIN:.0%}): scan more, or with less noise",
@@ -85,9 +91,9 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, planes: 
         *_inherited(first, by_lines),
         deviation(off, 2.5 * sigma + 0.125 * h),
         stray(measured, off, 3.0 * sigma + 0.5 * h),
-        hidden_volume_flat(mesh, backed, h),
-        *((flat_ends(mesh, backed, h), blocked_lines(scan, mesh, h, sigma)) if by_lines else ()),
-        bare_faces(mesh, cloud.points, scan.sensors(), h),
+        hidden_volume_flat(whole, backed, h, unrolled),
+        *((flat_ends(whole, backed, h, unrolled), blocked_lines(scan, mesh, h, sigma)) if by_lines else ()),
+        bare_faces(whole, cloud.points, scan.sensors(), h),
         empty_places(mesh, cloud.points),
     ]  # fmt: skip
     bare = unmeasured_share(mesh, backed, 3.0 * h + 3.0 * sigma)
@@ -97,15 +103,25 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, planes: 
     return in_all(*checks)
 
 
+def _scatter(name: str, off: FloatArray, limit: float, sigma_m: float) -> Check:
+    """Do the points lie about their faces as their noise lets them?"""
+    scatter = float(np.sqrt(np.mean(off**2))) if len(off) else 0.0
+    says = f"points {name.replace('scatter', f'scatter {mm(scatter)}')} against a noise of {mm(sigma_m)}: faces are missing, or have another shape"
+    return at_most(name, scatter, limit, says, "m")
+
+
 def _inherited(first: Reconstruction, by_lines: bool) -> tuple[Check, ...]:
     """What was said of the first surface, but for what is measured again on the flat one, or cured: what noise and spacing do to edges."""
     cured = CURED | {WALL_ENDS} if by_lines else CURED
     return tuple(check for check in first.checks if check.name not in cured)
 
 
-def _std_of(region: IntArray, planes: Planes) -> FloatArray:
-    """(r,) standard deviation of the offset of each region's plane."""
-    return np.asarray(planes.std_m[np.arange(int(region.max()) + 1) // 2])
+def _open_m3(whole: TriangleMesh, every: Shapes) -> float:
+    """Volume that the noise leaves open, m^3: of each shape its area times what its place is known to, that of a cylinder its radius."""
+    shape = np.zeros(len(whole.faces), np.int64) if whole.face_region is None else whole.face_region // 2
+    std = np.append(every.planes.std_m[: every.n_flat], every.rounds.std_m)
+    area = np.bincount(shape, face_areas(whole), minlength=len(std))
+    return math.sqrt(float(((area * std) ** 2).sum()))
 
 
 def _rims(mesh: TriangleMesh, spacing_m: float, sigma_m: float) -> tuple[float, float]:

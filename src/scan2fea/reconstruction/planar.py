@@ -1,4 +1,4 @@
-"""Solids whose faces are all flat: their planes found, space cut by them into cells, and each cell inside or outside by a minimum cut.
+"""Solids of flat and round faces: their planes and cylinders found, space cut by them into cells, and each inside or outside by a minimum cut.
 
 Which cells are inside is told by a first closed surface (by sight lines, or by what can be reached from outside); where the faces lie is told by the
 planes alone. Creases and corners are where planes meet: exact without noise, and with noise as good as the average over a whole face.
@@ -18,18 +18,23 @@ from scan2fea.kernel.distances import signed_distance
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.predicates import self_intersections
+from scan2fea.kernel.primitives import Plane
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction.blurred_faces import placed
 from scan2fea.reconstruction.flat_gaps import over_walls
 from scan2fea.reconstruction.flat_solid import flat_solid
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.gates_planar import gates_planar
-from scan2fea.reconstruction.plane_growing import MOST_PLANES, Planes, grow_planes
+from scan2fea.reconstruction.gates_round import one_region, rolled
+from scan2fea.reconstruction.plane_growing import Planes
 from scan2fea.reconstruction.regular import EXACT
+from scan2fea.reconstruction.round_cuts import Shapes, cut_round, shapes
+from scan2fea.reconstruction.round_gaps import over_rounds
+from scan2fea.reconstruction.round_growing import NO_ROUNDS, Rounds
+from scan2fea.reconstruction.shapes_found import moved_planes, planes_beside, rounds_of
 from scan2fea.reconstruction.sight import Sight
-from scan2fea.reconstruction.strips import with_strips
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
-from scan2fea.types import BoolArray, FloatArray, Scan, TriangleMesh, Value
+from scan2fea.types import BoolArray, FloatArray, IntArray, Scan, TriangleMesh, Value
 
 CUT_ALL = 20  # planes: so few may cut every cell
 RINGS = (0.15, 0.4, 0.7, 1.0)  # of that reach
@@ -39,6 +44,7 @@ MARGIN = 0.05  # of the size: the box round everything
 PROBES = 24  # places in a cell at which the first surface is asked
 PROBES_KNOWN = 48  # the same where points and sight lines are: of many a place they tell nothing
 BARE_PRICE = 0.5  # spacings: what a square metre of boundary without points costs against a cubic metre on the wrong side
+VOTE = 0.5  # cubic spacings that a point on a cylinder speaks for on either side
 FEW = 0.1  # of a cell: with less of it seen only that counts
 PLACED = 2  # times that the planes are placed again by the faces they bound
 FULL = 0.5  # points per square spacing that back a facet fully
@@ -46,151 +52,206 @@ FULL = 0.5  # points per square spacing that back a facet fully
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FlatForm(Value):
-    """mesh : closed, manifold; face_region is the plane (doubled, plus 1 for its other side) of each face.   planes : all that were tried.
+    """mesh : closed, manifold; face_region is the row of `shapes` (doubled, plus 1 for its other side) of each face.   shapes : all that were tried.
 
     seen_through_m3 : volume of the solid that sight lines pass through, where they labelled the cells.
     """
 
     mesh: TriangleMesh
-    planes: Planes
+    shapes: Shapes
     n_cells: int
     seen_through_m3: float = 0.0
 
 
 def planar(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> Reconstruction:
-    """The solid of flat faces under the points. Raises ReconstructionError where planes do not close, or nothing is found at all."""
-    return flattened(scan, visibility(scan, options), options.seed)
+    """The solid of flat and round faces under the points. Raises ReconstructionError where they do not close, or nothing is found at all."""
+    first = visibility(scan, options)
+    try:
+        return flattened(scan, first, options.seed)
+    except ReconstructionError:
+        rounds = rounds_of(scan.cloud.points, first)
+        if not len(rounds):
+            raise
+        return flattened(scan, first, options.seed, rounds=rounds)
 
 
-def flattened(scan: Scan, first: Reconstruction, seed: int = 0, by_lines: bool = False) -> Reconstruction:
+def flattened(scan: Scan, first: Reconstruction, seed: int = 0, by_lines: bool = False, rounds: Rounds | None = None) -> Reconstruction:
     """The solid of flat faces that lies nearest to a first closed surface, or (by_lines) to what its points and their sight lines tell.
 
-    Raises ReconstructionError where there is none.
+    rounds : cylinders among the faces. Raises ReconstructionError where there is none.
     """
     cloud = scan.cloud
     sight = Sight.of(scan, first, seed) if by_lines else None
-    form = flat_form(cloud.points, first, seed, sight)
+    form = flat_form(cloud.points, first, seed, sight, rounds)
+    every = form.shapes
+    of = np.unique(every.primitive[np.unique(form.mesh.face_region // 2)]) if form.mesh.face_region is not None else np.zeros(0)
     facts: Mapping[str, float | str] = {
         **first.how,
         "method": "planar",
-        "n_planes": len(np.unique(form.mesh.face_region)) if form.mesh.face_region is not None else 0,
+        "n_planes": int(np.sum(of < every.n_flat)),
+        "n_cylinders": int(np.sum(of >= every.n_flat)),
         "n_cells": form.n_cells,
         "first_volume_m3": volume(first.mesh),
     }
-    std = float(np.max(form.planes.std_m)) if len(form.planes) else 0.0
-    if by_lines:
+    std = float(np.max(every.planes.std_m)) if len(every.planes) else 0.0
+    if sight is not None:
         measured = cloud.points if cloud.is_inferred is None else cloud.points[~cloud.is_inferred]
-        first = replace(first, carried=over_walls(form.mesh, measured, first.spacing_m))
+        told = one_region(form.mesh, every), measured, first.spacing_m, rolled(every)
+        first = replace(first, carried=np.concatenate([over_walls(*told), over_rounds(*told, sight)]))
         facts = {**facts, "n_carried": len(first.carried)}
-    checks = gates_planar(scan, first, form.mesh, form.planes, form.seen_through_m3 if by_lines else None)
+    checks = gates_planar(scan, first, form.mesh, every, form.seen_through_m3 if by_lines else None)
     return replace(first, mesh=form.mesh, checks=checks, how=facts, residual_m=std)
 
 
 def served(scan: Scan, first: Reconstruction, seed: int = 0) -> Reconstruction:
-    """Flat faces where planes explain the points and close; else the first surface, with the reason in `how`.
+    """Flat and round faces where they explain the points and close; else the first surface, with the reason in `how`.
 
-    Where the first surface is refused and sensors are known, what is hidden has led it astray: then sight lines label the cells in its place.
+    Cylinders are looked for where planes alone do not serve. Where the first surface is refused and sensors are known, what is hidden has led it
+    astray: then sight lines label the cells in its place.
     """
     by_lines = bool(failed(first.checks)) and first.source == "sensors"
-    why = ""
+    rounds, why = None, ""
     for lines in (False, True) if by_lines else (False,):
-        try:
-            flat = flattened(scan, first, seed, lines)
-        except ReconstructionError as error:
-            why = str(error)
-            continue
-        against = failed(flat.checks)
-        if not against:
-            return flat
-        why = "; ".join(check.name for check in against)
+        for is_round in (False, True):
+            if is_round and rounds is None:
+                rounds = rounds_of(scan.cloud.points, first)
+            if is_round != bool(rounds is not None and len(rounds)):
+                continue
+            try:
+                flat = flattened(scan, first, seed, lines, rounds)
+            except ReconstructionError as error:
+                why = str(error)
+                continue
+            against = failed(flat.checks)
+            if not against:
+                return flat
+            why = "; ".join(check.name for check in against)
     return replace(first, how={**first.how, "not_planar": why})
 
 
-def flat_form(points: FloatArray, first: Reconstruction, seed: int = 0, sight: Sight | None = None) -> FlatForm:
-    """Planes, cells, labels, surface. points : (n, 3) raw, in the rows of `first`. Raises ReconstructionError where they do not close.
+def flat_form(
+    points: FloatArray, first: Reconstruction, seed: int = 0, sight: Sight | None = None, rounds: Rounds | None = None
+) -> FlatForm:
+    """Planes and cylinders, cells, labels, surface. points : (n, 3) raw, in the rows of `first`. Raises ReconstructionError where they do not close.
 
     sight : labels the cells in place of the first surface.
     """
-    h, sigma = first.spacing_m, first.sigma_m
-    known = first.thickness_m[np.isfinite(first.thickness_m)]
-    wall = float(np.quantile(known, 0.25)) if len(known) else float("nan")
-    planes = grow_planes(points, first.normals, h, sigma)
-    require(len(planes) >= 3, ReconstructionError, f"the points lie on {len(planes)} planes: they are no solid of flat faces")
-    planes = with_strips(points, planes, first.mesh, wall, h, sigma)
-    require(
-        4 <= len(planes) <= MOST_PLANES,
-        ReconstructionError,
-        f"the points would need {len(planes)} planes (4 to {MOST_PLANES}): they are no solid of flat faces",
-    )
-    form = _closed(points, planes, first, seed, sight)
+    sigma = first.sigma_m
+    rounds = NO_ROUNDS if rounds is None else rounds
+    planes = planes_beside(points, first, rounds)
+    form = _closed(points, planes, rounds, first, seed, sight)
     is_blurred = sigma > EXACT and first.source != "ranges"  # a range camera's noise lies along its rays: faces are not blurred alike all round
     for _ in range(PLACED if is_blurred else 0):
-        planes = placed(points, first.normals, form.mesh, planes, sigma)
-        form = _closed(points, planes, first, seed, sight)
+        planes = moved_planes(planes, placed(points, first.normals, form.mesh, form.shapes.planes, sigma))
+        form = _closed(points, planes, rounds, first, seed, sight)
     return form
 
 
-def _closed(points: FloatArray, planes: Planes, first: Reconstruction, seed: int, sight: Sight | None) -> FlatForm:
-    """The solid between the planes. Raises ReconstructionError where it is no clean one."""
+def _closed(points: FloatArray, planes: Planes, rounds: Rounds, first: Reconstruction, seed: int, sight: Sight | None) -> FlatForm:
+    """The solid between the faces. Raises ReconstructionError where it is no clean one."""
     h, sigma = first.spacing_m, first.sigma_m
-    cells, count = arranged(points, planes, h, sigma)
-    full, empty, size = _told(cells, first.mesh, seed, sight)
+    every = shapes(points, planes, rounds, h)
+    cells, count, group = arranged(points, every, h, sigma)
+    full, empty, size = _told(cells, group, first.mesh, seed, sight)
     scale = 1.0 if sight is None else _whole(full, empty, size)
-    inside = _cheapest(cells, count, scale * empty, scale * full, h)
-    mesh = flat_solid(cells, inside, planes.normal)
+    out, within = _votes(cells, group, count, every, h)
+    inside = _cheapest(cells, group, count, scale * empty + out, scale * full + within, h)[group]
+    mesh = flat_solid(cells, inside, every.planes.normal)
     topology = surface_topology(mesh)
     require(topology.is_clean, ReconstructionError, "the planes meet in edges or corners where the solid only touches itself")
     require(topology.n_components == 1, ReconstructionError, f"the planes enclose {topology.n_components} shells")
     require(not len(self_intersections(mesh)), ReconstructionError, "flat faces cross: their planes nearly coincide")
     through = 0.0 if sight is None else _seen_through(cells, inside, mesh, sight, seed)
-    return FlatForm(mesh=mesh, planes=planes, n_cells=cells.n_cells, seen_through_m3=through)
+    return FlatForm(mesh=mesh, shapes=every, n_cells=int(group.max()) + 1, seen_through_m3=through)
 
 
-def arranged(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: float) -> tuple[Cells, FloatArray]:
-    """The cells of a box round the points, each plane cutting those that its own points reach; and how many points back each facet."""
+def arranged(points: FloatArray, every: Shapes, spacing_m: float, sigma_m: float) -> tuple[Cells, FloatArray, IntArray]:
+    """The cells of a box round the points, each shape cutting those that its own points reach; how many points back each facet; (n_cells,) group.
+
+    Cells of one group are one: no shape parts them.
+    """
+    planes, n_flat = every.planes, every.n_flat
     low, high = points.min(axis=0), points.max(axis=0)
     margin = MARGIN * float(np.linalg.norm(high - low)) + 4.0 * spacing_m
     space = Arrangement(planes.normal, planes.offset, low - margin, high + margin)
     reach = REACH * spacing_m + 3.0 * sigma_m
-    for k in range(len(planes)):
-        plane = planes.plane(k)
-        own = plane.projected(points[planes.label == k])
-        own = own[sampled_rows(len(own), SUPPORT, 0)]
-        if not len(own):
-            continue
-        across = plane.axes()
-        angle = np.arange(8) * (np.pi / 4)
-        ring = np.cos(angle)[:, None] * across[0] + np.sin(angle)[:, None] * across[1]
-        spread = np.concatenate([own, *[(own[:, None] + share * reach * ring).reshape(-1, 3) for share in RINGS]])
-        hair = 1e-6 * spacing_m * plane.normal
-        space.cut(k, range(space.n_cells) if len(planes) <= CUT_ALL else space.holding(np.concatenate([spread + hair, spread - hair])))
-    cells = space.cells()
+    for k in range(n_flat):
+        own = _sample(points, planes, np.array([k]))
+        if len(own):
+            cut = range(space.n_cells) if n_flat <= CUT_ALL else space.holding(_spread(own, planes.plane(k), reach, spacing_m))
+            space.cut(k, cut)
+    group = list(range(space.n_cells))
+    for number in range(len(every.rounds)):
+        own, surface = _sample(points, planes, every.rows(number)), every.rounds.surfaces[number]
+        along = np.concatenate([own + share * reach * surface.axis for share in (-1.0, -0.5, 0.0, 0.5, 1.0)])
+        hair = 1e-6 * spacing_m * surface.normals(along)
+        cut = range(space.n_cells) if n_flat <= CUT_ALL else space.holding(np.concatenate([along + hair, along - hair]))
+        group = cut_round(space, every, number, list(cut), group)
+    cells, numbers = space.cells(), np.unique(group, return_inverse=True)[1].ravel()
+    return cells, _backed(points, every, space, cells, numbers, spacing_m), numbers
+
+
+def _sample(points: FloatArray, planes: Planes, rows: IntArray) -> FloatArray:
+    """SUPPORT of the points of some rows, each on its plane."""
+    own = np.flatnonzero(np.isin(planes.label, rows))
+    own = own[sampled_rows(len(own), SUPPORT, 0)]
+    normal = planes.normal[planes.label[own]]
+    height = np.einsum("ij,ij->i", points[own], normal) - planes.offset[planes.label[own]]
+    return np.asarray(points[own] - height[:, None] * normal)
+
+
+def _spread(own: FloatArray, plane: Plane, reach: float, spacing_m: float) -> FloatArray:
+    """Places round points of a plane, on both sides of it."""
+    across, angle = plane.axes(), np.arange(8) * (np.pi / 4)
+    ring = np.cos(angle)[:, None] * across[0] + np.sin(angle)[:, None] * across[1]
+    spread = np.concatenate([own, *[(own[:, None] + share * reach * ring).reshape(-1, 3) for share in RINGS]])
+    hair = 1e-6 * spacing_m * plane.normal
+    return np.concatenate([spread + hair, spread - hair])
+
+
+def _backed(points: FloatArray, every: Shapes, space: Arrangement, cells: Cells, group: IntArray, spacing_m: float) -> FloatArray:
+    """(f,) how many points back each facet: those of one shape between the same two groups share theirs by area."""
+    planes, of = every.planes, np.append(every.primitive, np.full(6, -1))  # the box has six sides more
     pieces: dict[tuple[int, int, int], list[int]] = {}
-    for f, (plane_of, pair) in enumerate(zip(cells.plane.tolist(), cells.cell.tolist(), strict=True)):
-        pieces.setdefault((plane_of, *pair), []).append(f)
+    for f, (shape, pair) in enumerate(zip(of[cells.plane].tolist(), np.append(group, -1)[cells.cell].tolist(), strict=True)):
+        pieces.setdefault((shape, *pair), []).append(f)
     area = _areas(cells)
     count = np.zeros(len(cells.loops))
-    for k in range(len(planes)):
+    for k in np.unique(planes.label[planes.label >= 0]):
         on = planes.plane(k).projected(points[planes.label == k])
         hair = 1e-6 * spacing_m * planes.normal[k]
-        sides = np.stack([space.located(on + hair), space.located(on - hair)], axis=1)
+        sides = np.stack([group[space.located(on + hair)], group[space.located(on - hair)]], axis=1)
         pairs, backed = np.unique(sides, axis=0, return_counts=True)
         for pair, n in zip(pairs.tolist(), backed.tolist(), strict=True):
-            facets = pieces.get((k, *pair), [])
-            count[facets] = n * area[facets] / max(float(area[facets].sum()), 1e-300)
-    return cells, count
+            own = pieces.get((int(of[k]), *pair), [])
+            count[own] += n * area[own] / max(float(area[own].sum()), 1e-300)
+    return count
 
 
-def _told(cells: Cells, mesh: TriangleMesh, seed: int, sight: Sight | None) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(c,) volume of each cell that is told to be inside, that is told to be outside, and all of it: by the first surface, or by sight lines."""
+def _told(
+    cells: Cells, group: IntArray, mesh: TriangleMesh, seed: int, sight: Sight | None
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(g,) volume of each group that is told to be inside, that is told to be outside, and all of it: by the first surface, or by sight lines."""
     places, owner, share = _probes(cells, seed, PROBES if sight is None else PROBES_KNOWN)
     if sight is None:
         full = signed_distance(places, mesh) < 0
         empty = ~full
     else:
         full, empty = sight.told(places)
-    one, other, size = (np.bincount(owner, weights=of, minlength=cells.n_cells) for of in (share * full, share * empty, share))
+    one, other, size = (np.bincount(group[owner], weights=of) for of in (share * full, share * empty, share))
     return np.asarray(one, float), np.asarray(other, float), np.asarray(size, float)
+
+
+def _votes(cells: Cells, group: IntArray, count: FloatArray, every: Shapes, spacing_m: float) -> tuple[FloatArray, FloatArray]:
+    """(g,) volume that points on cylinders speak for outside, and for inside: of what lies before them, and behind.
+
+    The inside of a bore a few spacings wide lies within reach of the faces round it, whose points say that it is under them.
+    """
+    on = np.flatnonzero(np.append(every.round_of >= 0, np.zeros(6, bool))[cells.plane] & (cells.cell >= 0).all(axis=1))
+    said, sides = VOTE * spacing_m**3 * count[on], group[cells.cell[on]]
+    n = int(group.max()) + 1
+    before, behind = (np.bincount(sides[:, k], said, minlength=n) for k in (0, 1))
+    return np.asarray(before, float), np.asarray(behind, float)
 
 
 def _seen_through(cells: Cells, inside: BoolArray, mesh: TriangleMesh, sight: Sight, seed: int) -> float:
@@ -232,19 +293,23 @@ def _probes(cells: Cells, seed: int, n_probes: int) -> tuple[FloatArray, FloatAr
     return np.concatenate(places), np.concatenate(owner), np.concatenate(share)
 
 
-def _cheapest(cells: Cells, count: FloatArray, price_inside: FloatArray, price_outside: FloatArray, spacing_m: float) -> BoolArray:
-    """The minimum cut: a facet is free where points back it and its plane's normal points outside."""
+def _cheapest(
+    cells: Cells, group: IntArray, count: FloatArray, price_inside: FloatArray, price_outside: FloatArray, spacing_m: float
+) -> BoolArray:
+    """(g,) the groups inside, by a minimum cut: a facet is free where points back it and its plane's normal points outside."""
     import maxflow  # heavy: only where it is used
 
-    graph = maxflow.GraphFloat(cells.n_cells, len(cells.loops))
-    nodes = graph.add_nodes(cells.n_cells)
+    graph = maxflow.GraphFloat(len(price_inside), len(cells.loops))
+    nodes = graph.add_nodes(len(price_inside))
     area = _areas(cells)
-    inner = (cells.cell >= 0).all(axis=1)
+    at_box = (cells.cell < 0).any(axis=1)
+    sides = group[cells.cell]
+    inner = ~at_box & (sides[:, 0] != sides[:, 1])
     price = BARE_PRICE * spacing_m * area[inner]
     bare = np.clip(1.0 - count[inner] * spacing_m**2 / np.maximum(FULL * area[inner], 1e-300), 0.0, 1.0)
-    graph.add_edges(cells.cell[inner, 0], cells.cell[inner, 1], price * bare, price)
-    never = np.zeros(cells.n_cells)
-    never[cells.cell[~inner].max(axis=1)] = 1e6 * float(price_inside.sum() + price_outside.sum())  # cells at the box are outside
+    graph.add_edges(sides[inner, 0], sides[inner, 1], price * bare, price)
+    never = np.zeros(len(price_inside))
+    never[group[cells.cell[at_box].max(axis=1)]] = 1e6 * float(price_inside.sum() + price_outside.sum())  # cells at the box are outside
     graph.add_grid_tedges(nodes, price_inside + never, price_outside)
     graph.maxflow()
     return np.asarray(graph.get_grid_segments(nodes), bool)

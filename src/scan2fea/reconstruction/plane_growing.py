@@ -72,10 +72,10 @@ def grow_planes(points: FloatArray, normals: FloatArray, spacing_m: float, sigma
             continue
         if flatness[seed] < SEED or failures >= FAILURES:
             break
-        plane = _grown(among, int(seed), free, spacing_m, off)
+        plane = grown_plane(among, int(seed), free, spacing_m, off)
         if plane is not None and sigma_m > EXACT:
             plane = _turned(among, near, int(seed), free, off, plane, planes)
-        own = np.zeros(len(points), bool) if plane is None else _own(points, normals, plane, off) & free
+        own = np.zeros(len(points), bool) if plane is None else own_points(points, normals, plane, off) & free
         if plane is None or own.sum() < LEAST_POINTS or not own[seed]:
             failures += 1
             free[seed] = False
@@ -88,11 +88,11 @@ def grow_planes(points: FloatArray, normals: FloatArray, spacing_m: float, sigma
     return settled(points, normals, planes, spacing_m, sigma_m)
 
 
-def _own(points: FloatArray, normals: FloatArray, plane: Plane, off: float) -> BoolArray:
+def own_points(points: FloatArray, normals: FloatArray, plane: Plane, off: float) -> BoolArray:
     return np.asarray((np.abs(plane.distance(points)) <= off) & (normals @ plane.normal >= OWN_SIDE))
 
 
-def _grown(among: Among, seed: int, free: BoolArray, spacing_m: float, off: float) -> Plane | None:
+def grown_plane(among: Among, seed: int, free: BoolArray, spacing_m: float, off: float) -> Plane | None:
     """The plane through a seed's neighbourhood, widened until it takes no more points in that hang together."""
     points, normal = among.points, among.normals[seed]
     farthest = float(np.linalg.norm(np.maximum(points[seed] - among.low, among.high - points[seed])))

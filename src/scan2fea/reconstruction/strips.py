@@ -50,11 +50,16 @@ class _Left(Value):
     point: IntArray
 
 
-def with_strips(points: FloatArray, planes: Planes, mesh: TriangleMesh, wall_m: float, spacing_m: float, sigma_m: float) -> Planes:
-    """`planes` and those of the narrow faces of `mesh` that they do not explain.   wall_m : the thinner walls, nan: none."""
+def with_strips(
+    points: FloatArray, planes: Planes, mesh: TriangleMesh, wall_m: float, spacing_m: float, sigma_m: float, axes: FloatArray | None = None
+) -> Planes:
+    """`planes` and those of the narrow faces of `mesh` that they do not explain.   wall_m : the thinner walls, nan: none.
+
+    axes : (k, 3) other directions that faces may have: those of cylinders.
+    """
     planes = needed(points, planes, spacing_m, sigma_m)
     left = _left(points, planes, mesh, wall_m, spacing_m, sigma_m)
-    ways = _ways(planes.normal)
+    ways = _ways(planes.normal if axes is None else np.vstack([planes.normal, axes]))
     depth = DEPTH * spacing_m + 2.0 * sigma_m
     free = np.ones(len(left.area), bool)
     snaps = (left.direction @ ways.T >= SNAP * left.length[:, None]).any(axis=1) if len(ways) else np.zeros(len(left.length), bool)

@@ -1,0 +1,126 @@
+"""Round holes through flat walls whose own points tell no normals: where both faces of a wall are empty, and what lies on the hole's wall.
+
+With points half a wall apart a bore has a dozen points on its wall, and their normals are blended with those of the faces. But the faces know where
+the hole is (`empty_places`), and points between the faces then tell centre and radius, along the direction that the faces give.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scan2fea.kernel.surfaces import CYLINDER, Surface, fitted
+from scan2fea.reconstruction.empty_places import FACING, empty_circles
+from scan2fea.reconstruction.plane_growing import Planes
+from scan2fea.reconstruction.round_growing import off_round_m, radius_std
+from scan2fea.types import BoolArray, FloatArray
+
+EMPTY = 6.0  # points of both faces that a circle lacks: what lies on the hole's wall then proves it, between the faces no point lies by chance
+AROUND = 8  # sectors round a hole, each with points of the faces, and of at least half with points of its wall
+WIDE = 2.5  # times the radius of an empty circle: how far these points of the faces may lie
+SAME_RADIUS = 0.25  # of the larger: two bores on one axis whose radii differ by more are steps
+ALONG = 0.9  # cosine between the axes of bores that may be one
+CLEAR, DEEP = 1.5, 3.0  # sigma below both faces that points of the wall lie, and that some do: of the faces one in a thousand
+LEAST_DEEP = 3  # of these
+LEAST_POINTS = 5  # of the wall: two more than a circle needs
+RADIUS_KNOWN = 0.08  # std of a radius, of it
+EXACTLY = 0.02  # spacings: the same for exact points
+ROUNDS = 8
+
+
+def wall_bores(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: float) -> list[Surface]:
+    """Round holes between parallel faces of walls, those of most points first. points : (n, 3) raw, in the rows of planes.label."""
+    found: list[tuple[int, Surface]] = []
+    for i in range(len(planes)):
+        for j in range(i + 1, len(planes)):
+            if planes.normal[i] @ planes.normal[j] < FACING and planes.offset[i] + planes.offset[j] > 0:
+                found += _between(points, planes, i, j, spacing_m, sigma_m)
+    kept: list[Surface] = []
+    for _, surface in sorted(found, key=lambda item: -item[0]):
+        if not any(is_same(surface, other) for other in kept):
+            kept.append(surface)
+    return kept
+
+
+def is_same(one: Surface, other: Surface) -> bool:
+    """Do two bores overlap, one along the other?"""
+    apart = one.point - other.point
+    across = np.linalg.norm(apart - (apart @ other.axis) * other.axis)
+    alike = abs(one.radius - other.radius) < SAME_RADIUS * max(one.radius, other.radius) and one.sense == other.sense
+    return bool(alike and abs(one.axis @ other.axis) > ALONG and across < max(one.radius, other.radius))
+
+
+def _between(points: FloatArray, planes: Planes, i: int, j: int, spacing_m: float, sigma_m: float) -> list[tuple[int, Surface]]:
+    plane = planes.plane(i)
+    axes = plane.axes()
+    on = (planes.label == i) | (planes.label == j)
+    depth = -np.maximum(plane.distance(points), planes.plane(j).distance(points))
+    between = depth > CLEAR * sigma_m + EXACTLY * spacing_m
+    is_deep = depth[between] > DEEP * sigma_m + EXACTLY * spacing_m
+    flat = points[on] @ axes.T
+    middle, radius = empty_circles(flat)
+    if not len(middle) or not between.any():
+        return []
+    density = 2.0 * _density(points[planes.label == i] @ axes.T, spacing_m)
+    large = np.flatnonzero(np.pi * density * radius**2 >= EMPTY)
+    wall, out, taken = points[between], list[tuple[int, Surface]](), list[int]()
+    for k in large[np.argsort(-radius[large], kind="stable")]:
+        if any(np.linalg.norm(middle[k] - middle[t]) < radius[t] for t in taken) or not _around(flat, middle[k], radius[k]):
+            continue
+        taken.append(int(k))
+        start = Surface(
+            kind=CYLINDER, point=middle[k] @ axes + plane.offset * plane.normal, axis=plane.normal, radius=float(radius[k]), sense=-1
+        )
+        hole = _fitted(start, wall, is_deep, flat, axes, spacing_m, sigma_m)
+        if hole is not None:
+            out.append(hole)
+    return out
+
+
+def _density(flat: FloatArray, spacing_m: float) -> float:
+    """Points per area of one face, by the squares of a grid of three spacings that hold any."""
+    cells = np.unique(np.floor(flat / (3.0 * spacing_m)).astype(np.int64), axis=0)
+    return len(flat) / (len(cells) * 9.0 * spacing_m**2)
+
+
+def _around(flat: FloatArray, middle: FloatArray, radius: float) -> bool:
+    """Are there points of the faces on all sides of a circle?"""
+    away = flat - middle
+    near = away[np.linalg.norm(away, axis=1) <= WIDE * radius]
+    return len(_sectors(near)) == AROUND
+
+
+def _sectors(across: FloatArray) -> FloatArray:
+    return np.unique(np.floor(np.arctan2(across[:, 1], across[:, 0]) / (2 * np.pi) * AROUND))
+
+
+def _fitted(
+    start: Surface, wall: FloatArray, is_deep: BoolArray, flat: FloatArray, axes: FloatArray, spacing_m: float, sigma_m: float
+) -> tuple[int, Surface] | None:
+    """The cylinder through points between the faces that lie in and at an empty circle; None where they tell no circle."""
+    off, along = off_round_m(spacing_m, sigma_m), np.array([True, True, False, False, True])
+    surface, before = start, np.zeros(len(wall), bool)
+    for step in range(ROUNDS):
+        away = (wall - surface.point) @ axes.T
+        rho = np.linalg.norm(away, axis=1)
+        own = np.abs(rho - surface.radius) <= off if step else rho <= surface.radius + off
+        if own.sum() < LEAST_POINTS:
+            return None
+        if np.array_equal(own, before):
+            break
+        fit = fitted(surface, wall[own], free=along)
+        if fit is None or not 0.3 * start.radius < fit.radius < 1.3 * start.radius:
+            return None
+        surface, before = fit, own
+    return (int(own.sum()), surface) if np.sum(own & is_deep) >= LEAST_DEEP and _is_hole(surface, wall[own], wall, flat, axes, off, sigma_m) else None
+
+
+
+def _is_hole(
+    surface: Surface, own: FloatArray, wall: FloatArray, flat: FloatArray, axes: FloatArray, off: float, sigma_m: float
+) -> bool:
+    """Points all round it, a radius that they tell, and hardly any point in it, of the faces or between them."""
+    middle = surface.point @ axes.T
+    inside = [np.linalg.norm(q - middle, axis=1) < surface.radius - off for q in (flat, wall @ axes.T)]
+    all_round = len(_sectors(own @ axes.T - middle)) >= AROUND / 2
+    known = radius_std(surface, own, sigma_m) <= RADIUS_KNOWN * surface.radius
+    return bool(all_round and known and sum(int(q.sum()) for q in inside) <= 0.05 * len(own))

@@ -1,0 +1,99 @@
+"""Cylinders in an arrangement of planes: each a prism whose section has the area of the circle, which parts a cell into within and without.
+
+The pieces that lie without a prism are one cell for the cut that labels them: however many facets go round, a cylinder is one face.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2fea.kernel.arrangement import Arrangement
+from scan2fea.kernel.surfaces import Surface
+from scan2fea.reconstruction.plane_growing import Planes
+from scan2fea.reconstruction.round_growing import Rounds
+from scan2fea.types import FloatArray, IntArray, Value
+
+SAGITTA = 0.025  # spacings that the arc of a facet rises over its chord, and no more than the noise where that is larger still
+LEAST_FACETS, MOST_FACETS = 12, 96
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Shapes(Value):
+    """planes : the planes, then the facets of cylinders, all with their points.   round_of : (p,) cylinder of each row, -1 a plane."""
+
+    planes: Planes
+    rounds: Rounds
+    round_of: IntArray
+
+    @property
+    def n_flat(self) -> int:
+        """How many rows are planes."""
+        return int(np.sum(self.round_of < 0))
+
+    def rows(self, number: int) -> IntArray:
+        """Those of the facets of a cylinder, in their order round it."""
+        return np.flatnonzero(self.round_of == number)
+
+    @property
+    def primitive(self) -> IntArray:
+        """(p,) one number for each plane, and for all facets of a cylinder."""
+        return np.where(self.round_of < 0, np.arange(len(self.round_of)), self.n_flat + self.round_of)
+
+
+def shapes(points: FloatArray, planes: Planes, rounds: Rounds, spacing_m: float) -> Shapes:
+    """Planes and cylinders as planes.   points : (n, 3) in the rows of both labels."""
+    normal, offset, std, of = [planes.normal], [planes.offset], [planes.std_m], [np.full(len(planes), -1, np.int64)]
+    label, first = planes.label.copy(), len(planes)
+    for number, surface in enumerate(rounds.surfaces):
+        ways, apothem = facets(surface, spacing_m)
+        own = np.flatnonzero(rounds.label == number)
+        label[own] = first + np.argmax((points[own] - surface.point) @ ways.T, axis=1)
+        normal.append(surface.sense * ways)
+        offset.append(surface.sense * (ways @ surface.point + apothem))
+        std.append(np.full(len(ways), rounds.std_m[number]))
+        of.append(np.full(len(ways), number))
+        first += len(ways)
+    every = Planes(normal=np.concatenate(normal), offset=np.concatenate(offset), label=label, std_m=np.concatenate(std))
+    return Shapes(planes=every, rounds=rounds, round_of=np.concatenate(of))
+
+
+def facets(surface: Surface, spacing_m: float) -> tuple[FloatArray, float]:
+    """(n, 3) directions of the sides of a prism away from the axis, and how far these lie from it: its section has the area of the circle."""
+    rise = min(SAGITTA * spacing_m, 0.5 * surface.radius)
+    n = int(np.clip(math.ceil(math.pi / math.acos(1.0 - rise / surface.radius)), LEAST_FACETS, MOST_FACETS))
+    angle = 2 * np.pi * (np.arange(n) + 0.5) / n
+    ways = np.column_stack([np.cos(angle), np.sin(angle)]) @ surface.frame()
+    return ways, surface.radius * math.sqrt(math.pi / (n * math.tan(math.pi / n)))
+
+
+def cut_round(space: Arrangement, every: Shapes, number: int, cells: list[int], group: list[int]) -> list[int]:
+    """Part cells by a cylinder. group : (n_cells,) number of the cell that each piece counts as; returned for the pieces of now."""
+    rows, out, new = every.rows(number), list(group), dict[int, int]()
+    sense = every.rounds.surfaces[number].sense
+    for c in cells:
+        if _misses(space, every, rows, sense, c):
+            continue
+        before, within = space.n_cells, [c]
+        for row in rows:
+            front, behind = space.cut(int(row), within)
+            within = behind if sense > 0 else front
+            if not within:
+                break
+        without = set(range(before, space.n_cells)) | {c}
+        without -= set(within)
+        out += [out[c]] * (space.n_cells - before)
+        if without and within:
+            number_within = new.setdefault(out[c], max(out) + 1)
+            for k in within:
+                out[k] = number_within
+    return out
+
+
+def _misses(space: Arrangement, every: Shapes, rows: IntArray, sense: int, cell: int) -> bool:
+    """Does a cell lie before one side of the prism, whole?"""
+    corners = np.array([space.vertices[v] for v in {v for f in space.facets[cell] for v in space.loops[f]}])
+    height = sense * (corners @ every.planes.normal[rows].T - every.planes.offset[rows])
+    return bool((height.min(axis=0) >= 0.0).any())

@@ -1,0 +1,124 @@
+"""Which planes and cylinders the points of a part lie on: cylinders by their normals and by the holes of flat walls, planes among the rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from scan2fea.errors import ReconstructionError, require
+from scan2fea.kernel.measures import face_normals
+from scan2fea.kernel.surfaces import Surface
+from scan2fea.reconstruction.bores import LEAST_POINTS, is_same, wall_bores
+from scan2fea.reconstruction.plane_growing import MOST_PLANES, Planes, assigned, grow_planes, tolerance_m
+from scan2fea.reconstruction.round_growing import NO_ROUNDS, Rounds, grow_rounds, nearest_round, off_round_m, radius_std
+from scan2fea.reconstruction.strips import with_strips
+from scan2fea.reconstruction.visibility import Reconstruction
+from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
+
+EXPLAINED = 0.8  # of a cylinder's points lie on planes or larger cylinders: normals blended along an edge turn as round ones do
+FACES_OFF = 0.5  # spacings that faces of a first surface lie off the cylinder they are of, besides the noise: chords between points
+FACES_LEAN = 0.3  # cosine
+
+
+def rounds_of(points: FloatArray, first: Reconstruction) -> Rounds:
+    """The cylinders among the faces; none where none is found. points : (n, 3) raw, in the rows of `first`."""
+    h, sigma = first.spacing_m, first.sigma_m
+    grown = grow_rounds(points, first.normals, h, sigma)
+    rest = grown.label < 0
+    try:
+        planes = grow_planes(points[rest], first.normals[rest], h, sigma)
+    except ReconstructionError:
+        return grown
+    number = np.full(len(points), -1, np.int64)
+    number[rest] = planes.label
+    bores = wall_bores(points, replace(planes, label=number), h, sigma)  # along the directions of the faces, which a dozen points cannot tell
+    found = [*(surface for surface in grown.surfaces if not any(is_same(surface, bore) for bore in bores)), *bores]
+    label = _given(points, first.normals, found, planes, h, sigma)
+    kept = [k for k in range(len(found)) if np.sum(label == k) >= LEAST_POINTS]
+    if not kept:
+        return NO_ROUNDS
+    number = np.full(len(found) + 1, -1, np.int64)
+    number[kept] = np.arange(len(kept))
+    std = np.array([radius_std(found[k], points[label == k], sigma) for k in kept])
+    return _needed(points, first, Rounds(surfaces=tuple(found[k] for k in kept), label=number[label], std_m=std))
+
+
+def _needed(points: FloatArray, first: Reconstruction, rounds: Rounds) -> Rounds:
+    """The cylinders without those whose points lie on planes, or on larger cylinders, anyway."""
+    h, sigma = first.spacing_m, first.sigma_m
+    try:
+        planes = planes_beside(points, first, rounds)
+    except ReconstructionError:
+        return rounds
+    on = np.zeros(len(points), bool)
+    for k in range(len(planes)):
+        on |= np.abs(planes.plane(k).distance(points)) <= tolerance_m(h, sigma)
+    size = np.bincount(rounds.label[rounds.label >= 0], minlength=len(rounds))
+    kept: list[int] = []
+    for k in np.argsort(-size, kind="stable").tolist():
+        if np.mean(on[rounds.label == k]) <= EXPLAINED:
+            kept.append(k)
+            on |= np.abs(rounds.surfaces[k].distance(points)) <= off_round_m(h, sigma)
+    number = np.full(len(rounds) + 1, -1, np.int64)
+    number[kept] = np.arange(len(kept))
+    return Rounds(surfaces=tuple(rounds.surfaces[k] for k in kept), label=number[rounds.label], std_m=rounds.std_m[kept])
+
+
+def _given(points: FloatArray, normals: FloatArray, found: list[Surface], planes: Planes, spacing_m: float, sigma_m: float) -> IntArray:
+    """(n,) the cylinder that each point is of: the nearest of its side; where its normal is of no shape it lies on, the nearest at all, -1 none.
+
+    Few points on the wall of a bore have normals blended with those of the faces.
+    """
+    off = off_round_m(spacing_m, sigma_m)
+    if not found:
+        return np.full(len(points), -1, np.int64)
+    label = nearest_round(points, normals, found, off)
+    on_plane = assigned(points, normals, [planes.plane(k) for k in range(len(planes))], tolerance_m(spacing_m, sigma_m)) >= 0
+    left = np.flatnonzero((label < 0) & ~on_plane)
+    distance = np.abs([surface.distance(points[left]) for surface in found])
+    best = np.argmin(distance, axis=0)
+    label[left] = np.where(distance[best, np.arange(len(left))] <= off, best, -1)
+    return label
+
+
+def planes_beside(points: FloatArray, first: Reconstruction, rounds: Rounds) -> Planes:
+    """The planes of the points that no cylinder has, narrow ones too.
+
+    Raises ReconstructionError where planes and cylinders are too few for a solid, or too many.
+    """
+    h, sigma = first.spacing_m, first.sigma_m
+    known = first.thickness_m[np.isfinite(first.thickness_m)]
+    wall = float(np.quantile(known, 0.25)) if len(known) else float("nan")
+    rest = np.flatnonzero(rounds.label < 0) if len(rounds) else np.arange(len(points))
+    mesh = beside(first.mesh, rounds, h, sigma) if len(rounds) else first.mesh
+    require(len(rest) >= LEAST_POINTS and len(mesh.faces), ReconstructionError, "the points lie on cylinders alone: no plane ends them")
+    planes = grow_planes(points[rest], first.normals[rest], h, sigma)
+    if len(rounds):
+        axes = np.array([surface.axis for surface in rounds.surfaces])
+        planes = with_strips(points[rest], planes, mesh, wall, h, sigma, axes)
+        least = 1
+    else:
+        require(len(planes) >= 3, ReconstructionError, f"the points lie on {len(planes)} planes: they are no solid of flat faces")
+        planes = with_strips(points[rest], planes, mesh, wall, h, sigma)
+        least = 4
+    says = f"the points would need {len(planes)} planes ({least} to {MOST_PLANES}): they are no solid of flat faces"
+    require(least <= len(planes) <= MOST_PLANES, ReconstructionError, says)
+    label = np.full(len(points), -1, np.int64)
+    label[rest] = planes.label
+    return replace(planes, label=label)
+
+
+def beside(mesh: TriangleMesh, rounds: Rounds, spacing_m: float, sigma_m: float) -> TriangleMesh:
+    """The faces of a first surface that are of no cylinder."""
+    middle, normals = mesh.vertices[mesh.faces].mean(axis=1), face_normals(mesh)
+    of: BoolArray = np.zeros(len(middle), bool)
+    for surface in rounds.surfaces:
+        near = np.abs(surface.distance(middle)) <= FACES_OFF * spacing_m + sigma_m
+        of |= near & (np.einsum("ij,ij->i", surface.normals(middle), normals) >= FACES_LEAN)
+    return TriangleMesh(vertices=mesh.vertices, faces=mesh.faces[~of])
+
+
+def moved_planes(planes: Planes, every: Planes) -> Planes:
+    """The planes where `every` has them: cylinders keep their place."""
+    return replace(planes, offset=every.offset[: len(planes)])

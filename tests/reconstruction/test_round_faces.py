@@ -1,0 +1,159 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from predicates import assert_closed_manifold_oriented, assert_no_crossing, moved, rotation
+from scan2fea.kernel.measures import volume
+from scan2fea.kernel.surfaces import CYLINDER, Surface
+from scan2fea.kernel.topology import surface_topology
+from scan2fea.reconstruction import reconstruct, visibility
+from scan2fea.reconstruction.bores import wall_bores
+from scan2fea.reconstruction.gates import failed
+from scan2fea.reconstruction.gates_round import out_of_round
+from scan2fea.reconstruction.pictures import Rolled
+from scan2fea.reconstruction.plane_growing import Planes, grow_planes
+from scan2fea.reconstruction.round_cuts import facets, shapes
+from scan2fea.reconstruction.round_gaps import between
+from scan2fea.reconstruction.round_growing import Rounds, grow_rounds
+from scan2fea.reconstruction.shapes_found import rounds_of
+from scan2fea.simulation.shapes import bracket, chs
+from scanned import scan_of, scanned
+
+POSE, FINE = rotation(5), 2e-6  # chords so fine that the parts are round
+TUBE = moved(chs(0.06, 0.008, 0.1, FINE), POSE, np.array([0.3, -0.2, 1.0]))
+ANGLE = moved(bracket(0.1, 0.1, 0.012, 0.08, [("a", 0.06, 0.04, 0.014)], FINE), POSE, np.zeros(3))
+
+
+def _cylinder(radius=0.02, sense=1):
+    return Surface(kind=CYLINDER, point=np.array([0.1, 0.2, 0.3]), axis=POSE[:, 2], radius=radius, sense=sense)
+
+
+def _on(surface, angle, height):
+    out = np.column_stack([np.cos(angle), np.sin(angle)]) @ surface.frame()
+    return surface.point + surface.radius * out + np.asarray(height)[:, None] * surface.axis, surface.sense * out
+
+
+def test_the_prism_has_the_section_of_the_circle():
+    for radius in (0.005, 0.02, 1.0):
+        ways, apothem = facets(_cylinder(radius), 0.002)
+        n = len(ways)
+        assert n * apothem**2 * np.tan(np.pi / n) == pytest.approx(np.pi * radius**2, rel=1e-12)
+        assert np.allclose(ways @ POSE[:, 2], 0.0, atol=1e-12) and np.allclose(ways.sum(axis=0), 0.0, atol=1e-9)
+    assert len(facets(_cylinder(0.02), 0.002)[0]) > len(facets(_cylinder(0.02), 0.02)[0])
+
+
+@pytest.mark.parametrize("sense", [1, -1])
+def test_facets_look_to_the_side_of_the_face_and_hold_their_points(sense):
+    surface, rng = _cylinder(sense=sense), np.random.default_rng(0)
+    points, normals = _on(surface, rng.uniform(0, 2 * np.pi, 400), rng.uniform(0, 0.05, 400))
+    none = Planes(normal=np.zeros((0, 3)), offset=np.zeros(0), label=np.full(400, -1), std_m=np.zeros(0))
+    every = shapes(points, none, Rounds(surfaces=(surface,), label=np.zeros(400, np.int64), std_m=np.zeros(1)), 0.004)
+    own = every.planes.label
+    assert (np.einsum("ij,ij->i", every.planes.normal[own], normals) > 0.9).all()
+    height = np.einsum("ij,ij->i", every.planes.normal[own], points) - every.planes.offset[own]
+    assert np.abs(height).max() < 0.03 * 0.004
+    assert every.n_flat == 0 and (every.primitive == 0).all()
+
+
+def test_a_tube_is_two_cylinders_and_a_box_is_none():
+    scan, _, normals = scanned(TUBE, 0.003, 0.0002, seed=2)
+    found = grow_rounds(scan.cloud.points, normals, 0.003, 0.0002)
+    assert [s.sense for s in found.surfaces] == [1, -1]
+    for surface, radius, std in zip(found.surfaces, (0.03, 0.022), found.std_m, strict=True):
+        assert abs(surface.radius - radius) < 5.0 * std < 5e-5
+        assert abs(surface.axis @ POSE[:, 2]) == pytest.approx(1.0, abs=1e-5)
+    scan, _, normals = scanned(moved(bracket(0.1, 0.1, 0.012, 0.08, []), POSE, np.zeros(3)), 0.004, 0.0004, seed=2)
+    assert not len(grow_rounds(scan.cloud.points, normals, 0.004, 0.0004))
+
+
+def test_a_dozen_points_of_a_bore_tell_its_circle_and_a_solid_wall_tells_none():
+    for holes, wanted in (([("a", 0.06, 0.04, 0.014)], 1), ([], 0)):
+        scan, _, normals = scanned(moved(bracket(0.1, 0.1, 0.012, 0.08, holes, FINE), POSE, np.zeros(3)), 0.007, 0.0006, seed=3)
+        planes = grow_planes(scan.cloud.points, normals, 0.007, 0.0006)
+        found = wall_bores(scan.cloud.points, planes, 0.007, 0.0006)
+        assert len(found) == wanted
+        for surface in found:
+            assert surface.radius == pytest.approx(0.014, abs=0.0008) and surface.sense == -1
+
+
+@pytest.mark.parametrize(("part", "h", "noise", "cylinders", "handles", "off"), [
+    (ANGLE, 0.004, 0.0, 1, 1, 2e-4), (ANGLE, 0.006, 0.0006, 1, 1, 0.01), (TUBE, 0.003, 0.0, 2, 1, 2e-4), (TUBE, 0.003, 0.0004, 2, 1, 0.01),
+])  # fmt: skip
+def test_parts_of_planes_and_cylinders(part, h, noise, cylinders, handles, off):
+    scan, _, _ = scanned(part, h, noise, seed=4)
+    found = reconstruct(scan)
+    assert found.how["method"] == "planar" and found.how["n_cylinders"] == cylinders, found.how.get("not_planar")
+    assert_closed_manifold_oriented(found.mesh)
+    assert_no_crossing(found.mesh)
+    assert surface_topology(found.mesh).n_handles == handles
+    assert volume(found.mesh) == pytest.approx(volume(part), rel=off)
+
+
+def test_a_shadow_on_a_tube_is_bridged_and_told():
+    scan, places, _ = scanned(TUBE, 0.003, seed=5)
+    local = (places - [0.3, -0.2, 1.0]) @ POSE
+    gone = (local[:, 0] > 0.012) & (np.abs(local[:, 2] - 0.05) < 0.025)  # on both faces of the wall
+    scan = scan_of(scan.cloud.points[~gone], scan.sensors()[~gone])
+    assert failed(visibility(scan).checks)
+    found = reconstruct(scan)
+    assert found.how["method"] == "planar" and not failed(found.checks), found.how.get("not_planar")
+    assert volume(found.mesh) == pytest.approx(volume(TUBE), rel=1e-3)
+    put = (found.carried - [0.3, -0.2, 1.0]) @ POSE
+    there = (put[:, 0] > 0) & (np.abs(put[:, 2] - 0.05) < 0.03)
+    assert there.sum() > 1000 and there.mean() > 0.99  # chance leaves a few small gaps besides
+
+
+def test_a_window_is_not_closed():
+    """A slot through the wall of a tube, seen through: lines pass where it is, points of its walls lie on no cylinder."""
+    scan, places, _ = scanned(TUBE, 0.003, seed=6)
+    local = (places - [0.3, -0.2, 1.0]) @ POSE
+    gone = (local[:, 0] > 0.012) & (np.abs(local[:, 2] - 0.05) < 0.02)
+    rng = np.random.default_rng(0)
+    far = np.flatnonzero((local[:, 0] < -0.019) & (np.hypot(local[:, 0], local[:, 1]) < 0.023) & (np.abs(local[:, 2] - 0.05) < 0.015))
+    sensors = scan.sensors()
+    sensors[far] = [0.3, -0.2, 1.0] + np.column_stack([np.full(len(far), 0.6), rng.normal(0, 0.02, len(far)), np.full(len(far), 0.05)]) @ POSE.T
+    scan = scan_of(scan.cloud.points[~gone], sensors[~gone])
+    found = reconstruct(scan)
+    assert found.how["method"] != "planar" or failed(found.checks)
+
+
+def test_points_go_between_what_was_seen():
+    seen = np.zeros((5, 7), bool)
+    seen[2, [1, 4]] = seen[[0, 3], 6] = True
+    wanted = seen.copy()
+    wanted[2, 1:5] = wanted[0:4, 6] = True
+    assert np.array_equal(between(seen), wanted)
+
+
+def test_an_unrolled_face_is_as_large_as_the_face_and_its_places_lie_on_it():
+    surface = _cylinder()
+    sheet, rng = Rolled(surface=surface, seam=1.0), np.random.default_rng(1)
+    points, normals = _on(surface, rng.uniform(0, 2 * np.pi, 200), rng.uniform(-0.03, 0.03, 200))
+    laid = sheet.laid(points)
+    assert laid[:, 0].min() >= 0 and laid[:, 0].max() <= 2 * np.pi * surface.radius
+    assert np.allclose(sheet.places(laid), points) and np.allclose(sheet.normals(laid), normals)
+
+
+def test_an_oval_is_out_of_round():
+    surface, rng = _cylinder(), np.random.default_rng(2)
+    angle = rng.uniform(0, 2 * np.pi, 600)
+    points, normals = _on(surface, angle, rng.uniform(-0.03, 0.03, 600))
+    points += 2e-4 * rng.normal(size=(600, 1)) * normals
+    none = Planes(normal=np.zeros((0, 3)), offset=np.zeros(0), label=np.full(600, -1), std_m=np.zeros(0))
+    every = shapes(points, none, Rounds(surfaces=(surface,), label=np.zeros(600, np.int64), std_m=np.zeros(1)), 0.002)
+    number = np.zeros(600, np.int64)
+    assert out_of_round(points, number, every, 2e-4, 0.002).passed
+    oval = points + (6e-4 * np.cos(2 * angle))[:, None] * normals
+    assert not out_of_round(oval, number, every, 2e-4, 0.002).passed
+
+
+def test_cylinders_follow_motion_and_scale_and_leave_the_points_alone():
+    scan, _, _ = scanned(ANGLE, 0.005, seed=7)
+    first = visibility(scan)
+    before = scan.cloud.points.copy()
+    one = rounds_of(scan.cloud.points, first)
+    assert np.array_equal(scan.cloud.points, before)
+    R = rotation(9)
+    two = rounds_of(100.0 * scan.cloud.points @ R.T, replace(first, normals=first.normals @ R.T, spacing_m=100 * first.spacing_m, sigma_m=0.0))
+    assert [s.radius for s in one.surfaces] == pytest.approx([s.radius / 100 for s in two.surfaces], rel=1e-6)

@@ -1,9 +1,11 @@
 """Which cells of space lie inside a body."""
 
 import numpy as np
+import pytest
 
 from scan2fea.cad.cells import are_inside, cells_of, margin_face
-from scan2fea.cad.live import parts, tessellated, volume_of
+from scan2fea.cad.live import direction, moved_by, parts, pnt, tessellated
+from scan2fea.cad.readback import volume_of
 from scan2fea.kernel.surfaces import PLANE, Surface
 from scan2fea.types import TriangleMesh
 
@@ -33,3 +35,18 @@ def test_cells_are_asked_together_and_told_apart():
     assert volumes[np.array(inside)].tolist() == [np.float64(volumes.max())]
     assert abs(volumes.max() - 1000.0) < 1e-6
     assert [are_inside([cell], body)[0] for cell in cells] == inside
+
+
+@pytest.mark.parametrize("shift", [0.0, 2000.0])
+def test_the_volume_of_crossing_cylinders_is_exact_wherever_they_stand(shift):
+    """Two pipes of radius 30 and 20 that meet square: the part of the second beyond the first by an integral of its own."""
+    from OCP.BRepAlgoAPI import BRepAlgoAPI_Fuse
+    from OCP.BRepPrimAPI import BRepPrimAPI_MakeCylinder
+    from OCP.gp import gp_Ax2
+    from scipy.integrate import quad
+
+    upright = BRepPrimAPI_MakeCylinder(gp_Ax2(pnt(np.zeros(3)), direction(np.array([0.0, 0, 1]))), 30.0, 200.0).Shape()
+    lying = BRepPrimAPI_MakeCylinder(gp_Ax2(pnt(np.array([0.0, 0, 100])), direction(np.array([1.0, 0, 0]))), 20.0, 100.0).Shape()
+    beyond = quad(lambda y: 2 * np.sqrt(400 - y * y) * (100 - np.sqrt(900 - y * y)), -20, 20, epsabs=1e-9, epsrel=1e-12)[0]
+    found = volume_of(moved_by(BRepAlgoAPI_Fuse(upright, lying).Shape(), np.array([shift, -shift, 0.0])))
+    assert found == pytest.approx(np.pi * 900 * 200 + beyond, rel=1e-8)

@@ -48,10 +48,10 @@ def noisy(mesh, sigma):
     return TriangleMesh(vertices=mesh.vertices + sigma * np.random.default_rng(0).standard_normal(mesh.vertices.shape), faces=mesh.faces)
 
 
-@pytest.mark.parametrize("hollow", [False, True])
-def test_vessels_have_a_face_for_each_head_shell_rim_and_nozzle(hollow):
+@pytest.mark.parametrize(("hollow", "noise"), [(False, 2e-4), (True, 2e-4), (False, 0.0)])
+def test_vessels_have_a_face_for_each_head_shell_rim_and_nozzle(hollow, noise):
+    """Without noise a head is no ball: free form, on which seeds without a surface are many before the nozzle's turn comes."""
     mesh, held = vessel(hollow)
-    noise = 2e-4
     mesh = noisy(mesh, noise)
     found = true_solid(mesh, mesh.vertices, spacing_m=EDGE / 2, noise_m=noise)
     assert found.reason == ""

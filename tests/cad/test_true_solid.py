@@ -18,6 +18,7 @@ from scan2fea.fea.elements import surface_volume
 from scan2fea.kernel.boundary import boundary_surface
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.quality import scaled_jacobian
+from scan2fea.repair import repair
 from scan2fea.simulation.freeform import blob
 from scan2fea.tetmeshing import fill
 from scan2fea.types import TriangleMesh
@@ -91,6 +92,37 @@ def test_cylinders_and_cones_on_one_axis():
     assert sorted(found.brep.face_kinds) == ["cone", "cylinder", "cylinder", "plane", "plane", "plane"]
     assert found.brep.volume_m3 == pytest.approx(CUP, rel=3e-3)
     assert any(snap.relation == "concentric" and snap.applied for snap in found.snaps)
+
+
+def test_a_cone_that_few_faces_do_not_tell_from_balls_is_one_cone():
+    """A flange whose neck bends by two standard deviations over the faces of a seed: it came as two balls, 0.9 % short."""
+    with drawing() as occ:
+        solid, _ = occ.fuse([(3, occ.addCylinder(0, 0, 0, 0, 0, 0.015, 0.08))], [(3, occ.addCone(0, 0, 0.015, 0, 0, 0.04, 0.045, 0.035))])
+        occ.cut(solid, [(3, occ.addCylinder(0, 0, -0.01, 0, 0, 0.1, 0.025))])
+        mesh = repair(triangles(EDGE)).mesh
+    held = np.pi * (0.08**2 * 0.015 + 0.04 / 3 * (0.045**2 + 0.045 * 0.035 + 0.035**2) - 0.025**2 * 0.055)
+    for seed in range(3):
+        found = solid_of(noisy(mesh, 3e-4, seed), 3e-4)
+        assert sorted(found.brep.face_kinds) == ["cone", "cylinder", "cylinder", "plane", "plane", "plane"]
+        assert found.brep.volume_m3 == pytest.approx(held, rel=3e-3)
+
+
+def test_walls_that_look_next_to_opposite_ways_do_not_make_an_end_a_rounding():
+    """The end of a leg narrower than the reach, whose four walls lean by chance: enough of their normals together look any way."""
+    leg = box((0.04, 0.04, 0.3), 0.01)
+    mesh = noisy(leg, 3e-4, 1)
+    found = segmented(mesh, 1.1e-3)
+    assert len(found.surfaces) == 6
+    assert len(without_roundings(mesh, found, 0.021).surfaces) == 6
+
+
+def test_the_foot_of_another_leg_does_not_make_an_end_a_rounding():
+    first = box((0.04, 0.04, 0.3), 0.01)
+    mesh = TriangleMesh(
+        vertices=np.concatenate([first.vertices, first.vertices + [0.3, 0, 0]]),
+        faces=np.concatenate([first.faces, first.faces + len(first.vertices)]),
+    )
+    assert len(without_roundings(mesh, segmented(mesh, 1e-4), 0.021).surfaces) == 12
 
 
 def test_a_dome_is_a_sphere():

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from scan2fea.cad.live import direction, joined_triangles, key, parts, pnt, solid_of_faces, tessellated, unified, volume_of
+from scan2fea.cad.live import direction, joined_triangles, key, parts, pnt, solid_of_faces, tessellated, unified
+from scan2fea.cad.readback import volume_of
 from scan2fea.cad.tangent import Limit
 from scan2fea.kernel.distances import signed_distance
 from scan2fea.kernel.rays import first_hits, scene_of

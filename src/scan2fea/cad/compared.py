@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from scan2fea.cad.live import is_valid, joined_triangles, parts, tessellated, volume_of
+from scan2fea.cad.live import is_valid, joined_triangles, parts, tessellated
+from scan2fea.cad.readback import volume_of
 from scan2fea.kernel.coverage import STRAY_SPACINGS, is_unmeasured
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_areas

@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from scan2fea.cad.live import is_valid, parts, unique_parts, volume_of
+from scan2fea.cad.live import is_valid, parts, unique_parts
 from scan2fea.cad.patches import Patches
+from scan2fea.cad.readback import volume_of
 from scan2fea.kernel.measures import extent, face_areas
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.surfaces import CYLINDER, PLANE, TORUS, Surface

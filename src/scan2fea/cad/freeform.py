@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from scan2fea.cad.brep import OCC_RESOLUTION_M
-from scan2fea.cad.live import is_valid, moved_by, parts, pnt, volume_of
+from scan2fea.cad.live import is_valid, moved_by, parts, pnt
 from scan2fea.cad.quads import SAMPLES, Quads, quads_on
-from scan2fea.cad.readback import read_back
+from scan2fea.cad.readback import read_back, volume_of
 from scan2fea.cad.solid import Trued
 from scan2fea.cad.step_occ import named, step_of_solid
 from scan2fea.errors import CadError

@@ -53,16 +53,6 @@ def direction(v: FloatArray) -> Any:
     return gp_Dir(*(float(x) for x in v))
 
 
-def volume_of(shape: Any) -> float:
-    """mm3, with sign."""
-    from OCP.BRepGProp import BRepGProp
-    from OCP.GProp import GProp_GProps
-
-    props = GProp_GProps()
-    BRepGProp.VolumeProperties_s(shape, props, True)
-    return float(props.Mass())
-
-
 def is_valid(shape: Any) -> bool:
     from OCP.BRepCheck import BRepCheck_Analyzer
 

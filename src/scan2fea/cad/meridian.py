@@ -19,6 +19,7 @@ SMOOTH_DEG = 12.0  # pieces that meet at less are one smooth curve
 LEAST_STEPS = 4.0  # spacings: a shorter piece is looked for between its neighbours
 REFUSES = 2.576  # standard deviations: p = 0.01, two-sided
 PARALLEL = 0.02  # sine between a line and the axis under which it is a cylinder
+LEAST_POINTS = 12  # measured, to fit a piece to
 INLIER = 0.25  # sine of the angle between a normal and its half-plane
 
 
@@ -159,13 +160,18 @@ def pieces_of(samples: FloatArray, tolerance: float, least: int) -> list[Piece]:
 
 
 def _longest(samples: FloatArray, start: int, kind: str, tolerance: float, least: int) -> Piece | None:
+    """Among lengths that grow by a fourth the longest that holds, led on. A short one may fail where longer ones hold: by the axis are few points."""
     good: Piece | None = None
     low, high = start + least - 1, len(samples) - 1
-    piece = _fit_piece(samples, start, low, kind)
-    if piece is None or not _holds(piece, samples[start : low + 1], tolerance):
-        return None
-    good = piece
-    while low < high:
+    lengths = [low]
+    while lengths[-1] < high:
+        lengths.append(min(high, lengths[-1] + max(1, (lengths[-1] - start) // 4)))
+    for k in range(len(lengths) - 1, -1, -1):
+        piece = _fit_piece(samples, start, lengths[k], kind)
+        if piece is not None and _holds(piece, samples[start : lengths[k] + 1], tolerance):
+            good, low, high = piece, lengths[k], lengths[min(k + 1, len(lengths) - 1)]
+            break
+    while good is not None and low < high:
         middle = (low + high + 1) // 2
         piece = _fit_piece(samples, start, middle, kind)
         if piece is not None and _holds(piece, samples[start : middle + 1], tolerance):
@@ -213,7 +219,7 @@ def joined(pieces: Sequence[Piece], samples: FloatArray, points: FloatArray, own
     points : (n, 2) measured.   owner : (n,) the sample each is nearest to.   slack : of the width where a head runs into a shell.
     """
     closed = bool((samples[0] == samples[-1]).all())
-    full = [_refitted(p, points, owner) for p in pieces]
+    full = _united([_refitted(p, points, owner) for p in pieces], points, owner)
     if len(full) < 2 and not (full and not closed):
         return None
     out: list[Piece] = []
@@ -230,15 +236,57 @@ def joined(pieces: Sequence[Piece], samples: FloatArray, points: FloatArray, own
 
 
 def _refitted(piece: Piece, points: FloatArray, owner: IntArray) -> Piece:
-    """The piece through the measured points of its samples, away from its ends."""
-    margin = max(1, (piece.last - piece.first) // 20)
-    used = points[(owner >= piece.first + margin) & (owner <= piece.last - margin)]
-    if len(used) < 12:
+    """The piece through the measured points of its samples, away from its ends; a line where that leaves no more noise in them than a conic."""
+    used = _own(piece, points, owner)
+    found = _through(piece, used, piece.kind) if len(used) >= LEAST_POINTS else None
+    if found is None:
         return piece
-    values = fit_values(used, piece.kind)
+    line = _through(piece, used, "line")
+    return line if line is not None and _leaves_no_more(line, used, _left(found, used)) else found
+
+
+def _through(piece: Piece, used: FloatArray, kind: str) -> Piece | None:
+    values = fit_values(used, kind)
     if values is None:
-        return piece
-    return replace(piece, values=_squared(values, used) if piece.kind == "line" else values)
+        return None
+    return replace(piece, kind=kind, values=_squared(values, used) if kind == "line" else values)
+
+
+def _own(piece: Piece, points: FloatArray, owner: IntArray) -> FloatArray:
+    """(k, 2) the measured points of a piece away from its ends."""
+    margin = max(1, (piece.last - piece.first) // 20)
+    return points[(owner >= piece.first + margin) & (owner <= piece.last - margin)]
+
+
+def _left(piece: Piece, used: FloatArray) -> float:
+    """Mean square of what a piece leaves in its points."""
+    return float(np.mean(piece.off(used) ** 2))
+
+
+def _leaves_no_more(piece: Piece, used: FloatArray, left: float) -> bool:
+    """Whether a piece leaves no more in its points than noise of variance `left` would, three standard deviations of a variance allowed."""
+    return _left(piece, used) <= left * (1 + 3 * np.sqrt(2 / len(used)))
+
+
+def _united(pieces: Sequence[Piece], points: FloatArray, owner: IntArray) -> list[Piece]:
+    """Pieces that follow each other without a gap made one where one line or conic leaves no more in the points of both."""
+    out: list[Piece] = []
+    for piece in pieces:
+        before = out[-1] if out else None
+        if before is None or piece.first > before.last + 1:
+            out.append(piece)
+            continue
+        parts = [_own(p, points, owner) for p in (before, piece)]
+        used = np.concatenate(parts)
+        left = sum(len(u) * _left(p, u) for p, u in zip((before, piece), parts, strict=True) if len(u)) / max(len(used), 1)
+        both = replace(before, last=piece.last)
+        one = [_through(both, used, kind) for kind in ("line", "conic")] if min(map(len, parts)) >= LEAST_POINTS else []
+        held = [p for p in one if p is not None and _leaves_no_more(p, used, left)]
+        if held:
+            out[-1] = held[0]
+        else:
+            out.append(piece)
+    return out
 
 
 def _squared(values: FloatArray, used: FloatArray) -> FloatArray:
@@ -264,7 +312,14 @@ def _between(a: Piece, b: Piece, samples: FloatArray, points: FloatArray, owner:
     if len(used) < 8:
         used = samples[rows]
     values = fit_values(used, "line") if len(used) >= 2 else None
-    return None if values is None else Piece(kind="line", values=_squared(values, used), first=int(rows[0]), last=int(rows[-1]))
+    if values is None:
+        return None
+    found = Piece(kind="line", values=_squared(values, used), first=int(rows[0]), last=int(rows[-1]))
+    # of a narrow rim one row of points may be all: these tell where it lies and not how it leans
+    long = int(np.abs(samples[b.first] - samples[a.last]).argmax())
+    square = replace(found, values=np.array([*np.eye(2)[1 - long], used[:, 1 - long].mean()]))
+    noise = [_left(p, own) for p in (a, b) if len(own := _own(p, points, owner))]
+    return square if noise and _leaves_no_more(square, used, float(np.mean(noise))) else found
 
 
 def is_smooth(a: Piece, b: Piece, near: FloatArray, slack: float = 1e-6) -> bool:

@@ -19,7 +19,7 @@ GROW_COSINE = float(np.cos(np.radians(30.0)))  # smoothed normals of an edge of 
 FLAT_RAD = 0.15  # normals that turn by less over a whole region are those of a plane as far as noise lets tell
 SIMPLER = 0.93  # a simpler kind wins with this share of the area of the largest
 KINDS = (PLANE, CYLINDER, SPHERE, CONE)
-MAX_FAILURES = 60  # seeds in a row without a surface: what is left is free form
+FAILED_WAVES = 2  # rings round a seed without a surface that are not tried again
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -89,17 +89,14 @@ def segmented(mesh: TriangleMesh, tolerance_m: float, known: Sequence[Surface] =
         surfaces.append(surface)
     turn = 1 - np.einsum("fc,fkc->fk", near.smooth, near.smooth[near.of]).min(1)
     tried = np.zeros(len(mesh.faces), bool)
-    failures = 0
     for seed in np.argsort(turn, kind="stable").tolist():
-        if label[seed] >= 0 or tried[seed] or failures > MAX_FAILURES:
+        if label[seed] >= 0 or tried[seed]:
             continue
         found = _best(near, seed, label < 0, tolerance_m)
-        tried[seed] = True
         if found is None:
-            failures += 1
+            tried[near.around(seed, label < 0, FAILED_WAVES)] = True
             continue
         rows, surface = found
-        failures = 0
         label[rows] = len(surfaces)
         surfaces.append(surface)
     return _merged(near, label, surfaces, tolerance_m)
@@ -125,12 +122,16 @@ def _best(near: Near, seed: int, free: BoolArray, tolerance: float) -> tuple[Int
     start = near.around(seed, free)
     if len(start) < LEAST_FACES:
         return None
-    found = [(kind, _grown(near, start, free, kind, tolerance)) for kind in KINDS]
-    grown = [(kind, region) for kind, region in found if region is not None]
-    if not grown:
+    found = {kind: region for kind in KINDS if (region := _grown(near, start, free, kind, tolerance)) is not None}
+    if not found:
         return None
-    area = [float(near.areas[region[0]].sum()) for _, region in grown]
-    return next(region for (_, region), a in zip(grown, area, strict=True) if a >= SIMPLER * max(area))
+    largest = max((region[0] for region in found.values()), key=lambda rows: float(near.areas[rows].sum()))
+    for kind in KINDS:  # few faces hardly bend: what noise hides there (a cone from a ball) the largest region tells
+        wider = _grown(near, largest, free, kind, tolerance) if len(largest) > 2 * len(start) else None
+        if wider is not None and (kind not in found or near.areas[wider[0]].sum() > near.areas[found[kind][0]].sum()):
+            found[kind] = wider
+    area = {kind: float(near.areas[region[0]].sum()) for kind, region in found.items()}
+    return next(found[kind] for kind in KINDS if kind in found and area[kind] >= SIMPLER * max(area.values()))
 
 
 def _fit(near: Near, rows: IntArray, kind: str, start: Surface | None) -> Surface | None:

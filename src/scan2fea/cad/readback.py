@@ -15,6 +15,8 @@ from scan2fea.errors import CadError, require
 from scan2fea.types import FloatArray, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
+VOLUME_STEPS = 1e-10  # relative, between steps of the integration over one round face
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ReadBack(Value):
@@ -39,8 +41,6 @@ def read_back(step: str) -> ReadBack:
     from OCP.TopoDS import TopoDS
 
     shape = shape_of(step)
-    volume = GProp_GProps()
-    BRepGProp.VolumeProperties_s(shape, volume, True)
     centres, areas = [], []
     for face in parts_of_shape(shape, TopAbs_FACE):
         props = GProp_GProps()
@@ -55,9 +55,36 @@ def read_back(step: str) -> ReadBack:
             free += 0 if wires.IsNull() else len(parts_of_shape(wires, TopAbs_EDGE))
     return ReadBack(
         is_valid=bool(BRepCheck_Analyzer(shape).IsValid()), n_solids=len(parts_of_shape(shape, TopAbs_SOLID)), n_free_edges=free,
-        volume_m3=volume.Mass() / MILLIMETRES_PER_METRE**3, area_m2=float(np.sum(areas)) / MILLIMETRES_PER_METRE**2,
+        volume_m3=volume_of(shape) / MILLIMETRES_PER_METRE**3, area_m2=float(np.sum(areas)) / MILLIMETRES_PER_METRE**2,
         face_centre=np.array(centres).reshape(-1, 3) / MILLIMETRES_PER_METRE, face_area=np.array(areas) / MILLIMETRES_PER_METRE**2,
     )  # fmt: skip
+
+
+def volume_of(shape: Any) -> float:
+    """mm3, with sign, of the faces of a shape that is closed.
+
+    Round faces in steps until halves agree, about the middle of the shape: of trimmed ones Open Cascade's fixed number of points misses 1e-5 of the
+    volume, and another 1e-5 once the same solid has been moved. Of plane faces these points are enough.
+    """
+    from OCP.BRep import BRep_Tool
+    from OCP.BRepAdaptor import BRepAdaptor_Surface
+    from OCP.BRepGProp import BRepGProp_Domain, BRepGProp_Face, BRepGProp_Vinert
+    from OCP.GeomAbs import GeomAbs_Plane
+    from OCP.gp import gp_Pnt
+    from OCP.TopAbs import TopAbs_FACE, TopAbs_VERTEX
+    from OCP.TopoDS import TopoDS
+
+    corners = [BRep_Tool.Pnt_s(TopoDS.Vertex(corner)) for corner in parts_of_shape(shape, TopAbs_VERTEX)]
+    at = np.array([(p.X(), p.Y(), p.Z()) for p in corners]).reshape(-1, 3)
+    middle = gp_Pnt(*((at.min(0) + at.max(0)) / 2).tolist()) if len(at) else gp_Pnt()
+    total = 0.0
+    for part in parts_of_shape(shape, TopAbs_FACE):
+        face, loaded = TopoDS.Face(part), BRepGProp_Face(False)
+        loaded.Load(face)
+        is_flat = BRepAdaptor_Surface(face).GetType() == GeomAbs_Plane
+        steps = () if is_flat else (VOLUME_STEPS,)
+        total += float(BRepGProp_Vinert(loaded, BRepGProp_Domain(face), middle, *steps).Mass())
+    return total
 
 
 def box_m(step: str) -> FloatArray:

@@ -9,9 +9,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from scan2fea.cad.cells import cells_of, kept_cells, margin_face
-from scan2fea.cad.live import direction, is_valid, parts, pnt, volume_of
+from scan2fea.cad.live import direction, is_valid, parts, pnt
 from scan2fea.cad.meridian import Piece, corner, half_plane, is_smooth, joined, path_of, pieces_of, resampled, turns_about
 from scan2fea.cad.patches import Near, Patches
+from scan2fea.cad.readback import volume_of
 from scan2fea.kernel.surfaces import CONE, CYLINDER, Surface
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
 

@@ -17,6 +17,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
 ALIKE = float(np.cos(np.radians(2.0)))  # planes turned by less are one where they lie together
 MEETS = 0.94  # cosine of normals: surfaces nearer to parallel do not meet in a crease
 BETWEEN = float(np.sin(np.radians(30.0)))  # farther out of the cone of its neighbours' normals a patch is no rounding between them
+MOST_OF_ONE = 2.0  # the middle between two normals is their sum times 1 / (2 cos(angle / 2)): 150 degrees apart
 SMALL_TURN = 0.1  # of its area: the sum of the normals of a patch that goes all the way round
 
 
@@ -31,8 +32,7 @@ def without_roundings(mesh: TriangleMesh, patches: Patches, reach_m: float, know
         rows = np.flatnonzero(label == number)
         if not len(rows) or area[number] > 0.02 * near.areas.sum() or any(_same_plane(patches.surfaces[number], k, reach_m) for k in known):
             continue
-        others = [k for k in np.unique(label[label >= 0]).tolist() if k != number]
-        if _is_rounding(near, patches.surfaces, rows, beside(near, label, rows), others, reach_m):
+        if _is_rounding(near, patches.surfaces, label, rows, reach_m):
             label[rows] = -1
     kept = np.unique(label[label >= 0])
     packed = np.full(len(patches.surfaces) + 1, -1, np.int64)
@@ -58,8 +58,9 @@ def beside(near: Near, label: IntArray, rows: IntArray) -> list[int]:
     return sorted(names)
 
 
-def _is_rounding(near: Near, surfaces: tuple[Surface, ...], rows: IntArray, names: list[int], others: list[int], reach: float) -> bool:
-    """names : the surfaces beside the patch.   others : all of them, as the third face of a corner need not touch what is left of its rounding."""
+def _is_rounding(near: Near, surfaces: tuple[Surface, ...], label: IntArray, rows: IntArray, reach: float) -> bool:
+    """rows : the faces of one patch."""
+    names = beside(near, label, rows)
     if len(names) < 2:
         return False
     used = np.unique(near.mesh.faces[rows])
@@ -77,8 +78,19 @@ def _is_rounding(near: Near, surfaces: tuple[Surface, ...], rows: IntArray, name
         return False
     if float(near.areas[rows].sum()) <= reach**2:
         return True  # smaller than a rounding is wide: what it looks at is chance
-    within = [k for k in others if k in names or float(np.abs(surfaces[k].distance(corners)).min()) <= reach]
+    within = names + [
+        k for k in _around(near, label, rows, corners, 2 * reach) if k not in names and float(np.abs(surfaces[k].distance(corners)).min()) <= reach
+    ]  # the third face of a corner need not touch what is left of its rounding
     return _is_between(near, rows, np.stack([surfaces[k].normals(corners) for k in within]))
+
+
+def _around(near: Near, label: IntArray, rows: IntArray, corners: FloatArray, far: float) -> list[int]:
+    """The other patches that come within `far` of the corners of one: a plane that goes on there, the foot of another leg, is not near."""
+    from scipy.spatial import cKDTree
+
+    inside = np.asarray(cKDTree(corners).query(near.mesh.vertices, distance_upper_bound=far)[0]) <= far
+    names = np.unique(label[inside[near.mesh.faces].any(1)])
+    return [k for k in names.tolist() if k >= 0 and k != label[rows[0]]]
 
 
 def _depth(near: Near, rows: IntArray, used: IntArray) -> float:
@@ -94,14 +106,17 @@ def _depth(near: Near, rows: IntArray, used: IntArray) -> float:
 
 
 def _is_between(near: Near, rows: IntArray, beside: FloatArray) -> bool:
-    """Does the patch look between the surfaces beside it ((k, v, 3) their normals there)? A rounding does; the small end of a leg does not."""
-    from scipy.optimize import nnls
+    """Does the patch look between the surfaces beside it ((k, v, 3) their normals there)? A rounding does; the small end of a leg does not,
+    though of walls that look opposite ways by next to 180 degrees a large enough multiple looks any way.
+    """
+    from scipy.optimize import lsq_linear
 
     own = near.areas[rows] @ near.normals[rows]
     length = float(np.linalg.norm(own))
     if length < SMALL_TURN * near.areas[rows].sum():
         return True  # looks all ways
-    return bool(nnls(beside.mean(1).T, own / length)[1] < BETWEEN)
+    best = lsq_linear(beside.mean(1).T, own / length, bounds=(0.0, MOST_OF_ONE))
+    return bool(np.sqrt(2 * best.cost) < BETWEEN)
 
 
 def inner_faces(mesh: TriangleMesh, label: IntArray) -> BoolArray:

@@ -14,10 +14,10 @@ from scan2fea.cad.cells import cell_solid
 from scan2fea.cad.compared import FIT_POINTS, LEFT_OUT, Compared, Scale, compared, faces_of, triangles_of
 from scan2fea.cad.evidence import asked_for
 from scan2fea.cad.fillets import Fillet, fitted_fillets, renumbered, rounded, without_fillets
-from scan2fea.cad.live import is_valid, moved_by, surface_of, volume_of
+from scan2fea.cad.live import is_valid, moved_by, surface_of
 from scan2fea.cad.naming import named_faces
 from scan2fea.cad.patches import Patches, segmented
-from scan2fea.cad.readback import ReadBack, read_back
+from scan2fea.cad.readback import ReadBack, read_back, volume_of
 from scan2fea.cad.resting import LEAST_POINTS, Resting, nearest_points, resting_planes
 from scan2fea.cad.revolved import turned_solid
 from scan2fea.cad.roundings import inner_faces, smooth_share, unexplained, widened, without_roundings
@@ -94,7 +94,10 @@ def true_solid(
     for factor, patches, sharp, fillets in _candidates(mesh, near, known, scale):
         lost = unexplained(mesh, patches, factor * scale.reach_m, near.face, near.density)
         said = _refused(patches, lost)
-        if said:
+        if said:  # a head that is no ball leaves none where nothing blurs it
+            found = _built(mesh, points, patches, scale, stands, may_cut=False, may_turn=True) if lost > UNEXPLAINED else None
+            if found is not None and found.brep is not None:
+                return found
             reason = reason or said
             continue
         if fillets:
@@ -164,6 +167,7 @@ def _built(
     fillets: Sequence[Fillet] = (),
     *,
     may_cut: bool,
+    may_turn: bool = False,
 ) -> Trued:
     """Fit, snap, cut, round the edges, check; the first margin that passes."""
     fits, snaps, is_whole = _fits(mesh, points, patches, scale, stands)
@@ -175,7 +179,7 @@ def _built(
     own = [local.vertices[np.unique(mesh.faces[patches.label == k])] for k in range(len(best))]
     best, limits = touching(best, own, scale.tolerance_m * mm, scale.reach_m * mm)
     reason = ""
-    if any(s.kind == SPHERE for s in best):  # heads that are no spheres come as rings of them, which cannot be cut with each other
+    if may_turn or any(s.kind == SPHERE for s in best):  # heads that are no spheres come as rings of them, which cannot be cut with each other
         turned, reason = turned_solid(
             local, (points - middle) * mm, patches, best if is_whole else as_found, scale.spacing_m * mm, scale.noise_m * mm, scale.reach_m * mm
         )  # fmt: skip

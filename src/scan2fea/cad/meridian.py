@@ -265,7 +265,7 @@ def _left(piece: Piece, used: FloatArray) -> float:
 
 def _leaves_no_more(piece: Piece, used: FloatArray, left: float) -> bool:
     """Whether a piece leaves no more in its points than noise of variance `left` would, three standard deviations of a variance allowed."""
-    return _left(piece, used) <= left * (1 + 3 * np.sqrt(2 / len(used)))
+    return bool(_left(piece, used) <= left * (1 + 3 * np.sqrt(2 / len(used))))
 
 
 def _united(pieces: Sequence[Piece], points: FloatArray, owner: IntArray) -> list[Piece]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scan2fea.cad.competing import competed
 from scan2fea.kernel.measures import face_areas, face_normals
 from scan2fea.kernel.surface_fit import flood
 from scan2fea.kernel.surfaces import CONE, CYLINDER, PLANE, SPHERE, Surface, fit_surface, fitted
@@ -195,6 +196,8 @@ def _is_bent(near: Near, rows: IntArray, surface: Surface) -> bool:
 def _merged(near: Near, label: IntArray, surfaces: list[Surface], tolerance: float) -> Patches:
     """Regions that are one surface joined, stray faces given to a neighbour they lie on, pieces that do not touch numbered apart."""
     label = label.copy()
+    _join(near, label, surfaces, tolerance)
+    label, surfaces = competed(near.mesh, near.of, near.smooth, label, surfaces)
     _join(near, label, surfaces, tolerance)
     for _ in range(12):
         front = np.flatnonzero((label < 0) & (label[near.of] >= 0).any(1))

@@ -86,7 +86,7 @@ def _again(mesh: TriangleMesh, normals: FloatArray, areas: FloatArray, rows: Int
     if len(corners) < LEAST_CORNERS:
         return surface
     weight = np.repeat(areas[rows], 3)
-    mean = np.stack([np.bincount(index.ravel(), weights=weight * np.repeat(normals[rows, k], 3)) for k in range(3)], axis=1)
+    mean = np.stack([np.bincount(index.ravel(), weights=weight * np.repeat(normals[rows, k], 3)) for k in range(3)], axis=1).astype(float)
     mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
     found = [fitted(surface, corners) or surface]
     if float(np.linalg.norm(areas[rows] @ normals[rows])) > FLAT * float(areas[rows].sum()):

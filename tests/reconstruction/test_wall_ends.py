@@ -58,7 +58,7 @@ def value(found):
 @pytest.mark.parametrize("seed", range(2))
 def test_a_plate_seen_all_round_ends_where_it_ends(seed):
     found, evidence = evidence_without(lambda points: np.zeros(len(points), bool), seed=seed)
-    assert value(found).passed and value(found).value == wall_ends(evidence).value
+    assert value(found).passed and wall_ends(evidence).value == 0.0  # other answers may have had an end there
     assert stretches(evidence) == ([], [])
 
 
@@ -146,12 +146,18 @@ def test_an_end_that_another_answer_had_stays_where_the_surface_is_the_same(notc
     h = evidence.spacing_m
     on = evidence.mesh.vertices[evidence.mesh.faces[:9]].mean(axis=1)
     normal = face_normals(evidence.mesh)[:9]
-    told = lambda off, share=0.3: wall_ends(dataclasses.replace(evidence, ends_before=(Ends(share=share, places=on + off * h * normal),)))  # noqa: E731
+    ends = lambda shares, places, of: Ends(shares=np.array(shares), places=places, of=np.array(of, int))  # noqa: E731
+    asked = lambda one, before: wall_ends(dataclasses.replace(one, ends_before=(before,)))  # noqa: E731
+    told = lambda off, share=0.3: asked(evidence, ends([share], on + off * h * normal, 9 * [0]))  # noqa: E731
     assert told(0.0).value == 0.3 and not told(0.0).passed
     reach = ON + evidence.sigma_m / h
     assert not told(reach - 1e-9).passed and told(reach + 1e-6).passed
     assert told(0.0, 0.01).passed and told(0.0, 0.01).value == 0.01
     _, notched = evidence_without(notch)
     own = unseen_ends(notched)
-    assert wall_ends(dataclasses.replace(notched, ends_before=(Ends(share=0.01, places=own.places),))).value == own.share
-    assert wall_ends(dataclasses.replace(evidence, ends_before=(Ends(share=0.3, places=np.zeros((0, 3))),))).passed
+    assert asked(notched, ends([0.01], own.places, len(own.places) * [0])).value == own.share
+    assert asked(evidence, ends([], np.zeros((0, 3)), [])).passed
+    # each end by itself, with the square of the length that is left of it
+    left = np.concatenate([on, on[:3] + h * normal[:3]])
+    assert asked(evidence, ends([0.01, 0.3], left, 9 * [0] + 3 * [1])).value == 0.01
+    assert asked(evidence, ends([0.01, 0.3], left, 6 * [0] + 6 * [1])).value == pytest.approx(0.01 + 0.3 / 4)

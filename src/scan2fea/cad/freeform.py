@@ -1,12 +1,12 @@
-"""Solids of NURBS patches: bicubic B-splines by least squares on a layout of quads, borders first, so that neighbours share them exactly.
+"""Solids of NURBS patches: bicubic B-splines by least squares on grids of points, borders first, so that neighbours share them exactly.
 
 Every patch has the same knots and the same places of its points: its fit is one product with a constant matrix (Piegl and Tiller, The NURBS Book,
-1997, section 9.4). Neighbours meet without a gap (G0); at what angle is measured and told.
+1997, section 9.4). Neighbours meet without a gap (G0); at what angle is measured and told. Few large tiles are tried first; those whose patches leave
+the surface or fold are parted, the others stay.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,16 +18,21 @@ from scan2fea.cad.quads import SAMPLES, Quads, quads_on
 from scan2fea.cad.readback import read_back, volume_of
 from scan2fea.cad.solid import Trued
 from scan2fea.cad.step_occ import named, step_of_solid
+from scan2fea.cad.tiles import parted, spread, tiles_at, web_of
 from scan2fea.errors import CadError
 from scan2fea.kernel.distances import PointToMesh
-from scan2fea.kernel.measures import face_normals
+from scan2fea.kernel.measures import vertex_normals
 from scan2fea.kernel.measures import volume as enclosed_volume
 from scan2fea.kernel.nurbs import basis, basis_slopes
-from scan2fea.types import Brep, FloatArray, TriangleMesh, Value
+from scan2fea.types import BoolArray, Brep, FloatArray, TriangleMesh, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 DEGREE, SPANS = 3, 3
 KNOTS = np.concatenate([np.zeros(DEGREE), np.linspace(0, 1, SPANS + 1), np.ones(DEGREE)])  # the same backwards: borders run either way
+TILES, ROUNDS = 16, 20  # of the first cut; how often tiles are parted
+PIECES, RATE = 6, 0.7  # a tile falls into (distance / limit)^0.7 pieces: between the square of a curved surface's error and the root of a crease's
+TRIANGLES_A_PATCH = 3  # as many patches as triangles say nothing new
+SAMPLED = 17  # points along a patch that are measured
 VOLUME_OFF = 0.005  # of the surface's: what verification takes
 FOLDED = 0.2  # cosine between a patch and the surface under it: less is a fold
 SEWING_MM = 1e-4  # borders are equal; a larger tolerance would hide that they are not
@@ -36,36 +41,47 @@ READS_BACK = 1e-6
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Patched(Value):
-    """controls : (q, n, n, 3) control points.   off_m : largest distance to the surface, both ways.   p95_m.   across_deg : (e,) angle at the middle
-    of every border between its patches.
+    """controls : (q, n, n, 3) control points.   off_m : (q,) largest distance of each patch to the surface, both ways.   p95_m : of all points.
+
+    is_folded : (q,) patches that turn over somewhere.   across_deg : (e,) angle at the middle of every border between its patches.
     """
 
     controls: FloatArray
-    off_m: float
+    off_m: FloatArray
     p95_m: float
+    is_folded: BoolArray
     across_deg: FloatArray
 
 
-def patched_solid(mesh: TriangleMesh, layouts: Sequence[TriangleMesh], *, spacing_m: float, noise_m: float) -> Trued:
-    """The solid of NURBS patches of a smooth closed surface, on the first of some layouts (closed coarse meshes near it) that is close enough.
+def patched_solid(mesh: TriangleMesh, *, spacing_m: float, noise_m: float) -> Trued:
+    """The solid of NURBS patches of a smooth closed surface, as few as lie close enough to it.
 
     spacing_m : of the measured points.   noise_m : left in the vertices of `mesh`. Nothing is raised where there is none: `reason` says why.
     """
     limit = tolerance(spacing_m, noise_m)
-    reason = "there is no layout of quads"
-    for coarse in layouts:
-        found = patches_of(quads_on(coarse, mesh), mesh)
-        if found is None:
-            reason = f"quads on {len(coarse.faces)} triangles fold over"
-            continue
-        if found.off_m > limit:
-            reason = f"{len(found.controls)} NURBS patches lie up to {found.off_m * 1e3:.3g} mm off the surface (limit {limit * 1e3:.3g} mm)"
-            continue
-        made = _solid(found, mesh)
-        if made.brep is not None:
-            return made
-        reason = made.reason
-    return Trued(brep=None, mesh=None, reason=reason, how={})
+    web = web_of(mesh)
+    seeds, reason = spread(web, TILES), ""
+    for _ in range(ROUNDS):
+        tiles = tiles_at(web, seeds)
+        if tiles is None:
+            return _none("the surface cannot be cut into disks")
+        quads = quads_on(mesh, tiles)
+        found = patches_of(quads, mesh)
+        n = len(found.controls)
+        if n * TRIANGLES_A_PATCH > len(mesh.faces):
+            return _none(reason or f"{len(mesh.faces)} triangles are too few for {n} patches")
+        worst = np.zeros(len(tiles.loops))
+        np.maximum.at(worst, quads.tile, np.where(found.is_folded, np.maximum(found.off_m, 1.01 * limit), found.off_m))
+        if worst.max() <= limit:
+            made = _solid(found, mesh)
+            if made.brep is not None:
+                return made
+            reason, worst = made.reason, np.full(len(worst), 1.01 * limit)
+        else:
+            reason = f"{n} NURBS patches lie up to {found.off_m.max() * 1e3:.3g} mm off the surface (limit {limit * 1e3:.3g} mm), "
+            reason += f"{int(found.is_folded.sum())} of them fold"
+        seeds = parted(web, tiles, np.where(worst > limit, np.clip(np.ceil((worst / limit) ** RATE), 2, PIECES), 1).astype(np.int64))
+    return _none(reason)
 
 
 def tolerance(spacing_m: float, noise_m: float) -> float:
@@ -75,8 +91,8 @@ def tolerance(spacing_m: float, noise_m: float) -> float:
     return 3.0 * noise_m + 0.25 * spacing_m
 
 
-def patches_of(quads: Quads, mesh: TriangleMesh) -> Patched | None:
-    """Least squares on every border, then inside; None where a patch folds over."""
+def patches_of(quads: Quads, mesh: TriangleMesh) -> Patched:
+    """Least squares on every border, then inside."""
     at = np.linspace(0, 1, SAMPLES)
     value = basis(KNOTS, DEGREE, at)
     inside = np.linalg.pinv(value[1:-1, 1:-1])
@@ -92,25 +108,28 @@ def patches_of(quads: Quads, mesh: TriangleMesh) -> Patched | None:
     return _measured(control, quads, mesh)
 
 
-def _measured(control: FloatArray, quads: Quads, mesh: TriangleMesh) -> Patched | None:
-    at = np.linspace(0, 1, 2 * SAMPLES - 1)
+def _measured(control: FloatArray, quads: Quads, mesh: TriangleMesh) -> Patched:
+    at = np.linspace(0, 1, SAMPLED)
     value, slope = basis(KNOTS, DEGREE, at), basis_slopes(KNOTS, DEGREE, at)
     points = np.einsum("ui,vj,qijc->quvc", value, value, control, optimize=True)
     du, dv = np.einsum("ui,vj,qijc->quvc", slope, value, control, optimize=True), np.einsum("ui,vj,qijc->quvc", value, slope, control, optimize=True)
     normal = np.cross(du, dv)
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-300)
     under = PointToMesh(mesh).nearest(points.reshape(-1, 3))
-    if np.einsum("ij,ij->i", normal.reshape(-1, 3), face_normals(mesh)[under.face]).min() < FOLDED:
-        return None
-    back = PointToMesh(_triangles(points)).nearest(mesh.vertices).distance
-    middle, end = SAMPLES - 1, 2 * SAMPLES - 2
+    up = np.einsum("nk,nkx->nx", under.weights, vertex_normals(mesh)[mesh.faces[under.face]]).reshape(normal.shape)
+    facing = (normal * up).sum(-1) / np.maximum(np.linalg.norm(up, axis=-1), 1e-300)
+    drawn = _triangles(points)
+    back = PointToMesh(drawn).nearest(mesh.vertices)
+    off = under.distance.reshape(len(points), -1).max(1)
+    np.maximum.at(off, back.face // (len(drawn.faces) // len(points)), back.distance)
+    middle, end = SAMPLED // 2, SAMPLED - 1
     on_side = np.stack([normal[:, middle, 0], normal[:, end, middle], normal[:, middle, end], normal[:, 0, middle]], axis=1).reshape(-1, 3)
     pair = np.argsort(quads.sides.ravel(), kind="stable").reshape(-1, 2)  # every border has two patches
     cosine = np.einsum("ij,ij->i", on_side[pair[:, 0]], on_side[pair[:, 1]])
-    off = np.concatenate([under.distance, back])
     return Patched(
-        controls=control, off_m=float(off.max()), p95_m=float(np.percentile(off, 95)), across_deg=np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-    )
+        controls=control, off_m=off, p95_m=float(np.percentile(np.concatenate([under.distance, back.distance]), 95)),
+        is_folded=np.asarray(facing.reshape(len(points), -1).min(1) < FOLDED), across_deg=np.degrees(np.arccos(np.clip(cosine, -1, 1))),
+    )  # fmt: skip
 
 
 def _triangles(points: FloatArray) -> TriangleMesh:
@@ -150,7 +169,7 @@ def _solid(found: Patched, mesh: TriangleMesh) -> Trued:
     )  # fmt: skip
     angles = found.across_deg
     how = {
-        "faces": {"nurbs": n}, "off_max_m": found.off_m, "off_p95_m": found.p95_m,
+        "faces": {"nurbs": n}, "off_max_m": float(found.off_m.max()), "off_p95_m": found.p95_m,
         "across_median_deg": float(np.median(angles)), "across_p95_deg": float(np.percentile(angles, 95)), "across_max_deg": float(angles.max()),
     }  # fmt: skip
     return Trued(brep=brep, mesh=None, reason="", how=how)

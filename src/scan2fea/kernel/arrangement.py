@@ -6,6 +6,7 @@ facet lies between exactly two cells and the boundary of any set of cells is clo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -33,6 +34,32 @@ class Cells(Value):
     n_cells: int
 
 
+class _Heights:
+    """How high vertices lie over a plane that cuts. Those that the cut makes lie on it."""
+
+    def __init__(self, space: Arrangement, plane: int, vertices: set[int]) -> None:
+        self.space, self.plane, self.before = space, plane, len(space.vertices)
+        self.known: dict[int, float] = {}
+        self._ask(sorted(vertices))
+
+    def _ask(self, rows: list[int]) -> None:
+        if not rows:
+            return
+        height = np.array([self.space.vertices[v] for v in rows]) @ self.space.normals[self.plane] - self.space.offsets[self.plane]
+        self.known.update(zip(rows, height.tolist(), strict=True))
+
+    def height(self, v: int) -> float:
+        if v not in self.known:
+            self._ask([v])
+        return self.known[v]
+
+    def side(self, v: int) -> int:
+        """1 before the plane, -1 behind it, 0 on it."""
+        if v >= self.before or abs(self.height(v)) <= ON_PLANE * self.space.size:
+            return 0
+        return 1 if self.height(v) > 0 else -1
+
+
 class Arrangement:
     """Cells of a box, cut by one plane after the other. normals : (p, 3) unit, offsets : (p,) of all planes that may come."""
 
@@ -48,6 +75,7 @@ class Arrangement:
         self.cell: list[list[int]] = []
         self.facets: list[set[int]] = [set()]
         self.tree: list[tuple[int, int, int]] = [(-1, 0, 0)]  # plane, node in front, node behind; a leaf is (-1, cell, 0)
+        self.leaf = [0]  # node of each cell
         self._box(len(normals), low, high)
 
     def _box(self, first: int, low: FloatArray, high: FloatArray) -> None:
@@ -58,14 +86,13 @@ class Arrangement:
 
     def _vertex(self, place: FloatArray) -> int:
         """The number of the vertex at a place; a new one where there is none."""
-        at = (place - self.low) / (SAME_PLACE * self.size)
-        cell = np.floor(at).astype(np.int64)
-        near = np.where(at - cell > 0.5, 1, -1)
-        for k in range(8):
-            key = tuple(int(v) for v in cell + np.where([k & 4, k & 2, k & 1], near, 0))
+        at = ((place - self.low) / (SAME_PLACE * self.size)).tolist()
+        i, j, k = (math.floor(x) for x in at)
+        u, v, w = (1 if x - math.floor(x) > 0.5 else -1 for x in at)
+        for key in ((a, b, c) for a in (i, i + u) for b in (j, j + v) for c in (k, k + w)):
             if key in self.places:
                 return self.places[key]
-        self.places[tuple(int(v) for v in cell)] = len(self.vertices)
+        self.places[i, j, k] = len(self.vertices)
         self.vertices.append(np.asarray(place, float))
         return len(self.vertices) - 1
 
@@ -102,36 +129,36 @@ class Arrangement:
 
     def cut(self, plane: int, cells: Sequence[int]) -> tuple[list[int], list[int]]:
         """Cut the given cells by a plane, where it passes through them. Returns what of them lies in front of it, and what behind."""
-        height = np.array(self.vertices) @ self.normals[plane] - self.offsets[plane]
-        side = np.where(np.abs(height) <= ON_PLANE * self.size, 0, np.sign(height)).astype(np.int64).tolist()
-        leaf = {node[1]: k for k, node in enumerate(self.tree) if node[0] < 0}
+        corners = [{v for f in self.facets[c] for v in self.loops[f]} for c in cells]
+        over = _Heights(self, plane, set().union(*corners))
         front, behind = list[int](), list[int]()
         for c in cells:
-            corners = {v for f in self.facets[c] for v in self.loops[f]}
-            sides = {side[v] for v in corners if v < len(side)}  # a vertex made by this cut lies on the plane
+            sides = {over.side(v) for f in self.facets[c] for v in self.loops[f]}
             if 1 in sides and -1 in sides:
                 front.append(c)
                 behind.append(self.n_cells)
-                self._split(c, plane, side, height, leaf[c])
+                self._split(c, plane, over)
             else:
                 (front if 1 in sides else behind).append(c)
         return front, behind
 
-    def _split(self, c: int, plane: int, side: list[int], height: FloatArray, node: int) -> None:
+    def _split(self, c: int, plane: int, over: _Heights) -> None:
         new = len(self.facets)
         self.facets.append(set())
         self.tree += [(-1, c, 0), (-1, new, 0)]
-        self.tree[node] = (plane, len(self.tree) - 2, len(self.tree) - 1)
+        self.tree[self.leaf[c]] = (plane, len(self.tree) - 2, len(self.tree) - 1)
+        self.leaf[c] = len(self.tree) - 2
+        self.leaf.append(len(self.tree) - 1)
         on: set[int] = set()
         for f in sorted(self.facets[c]):
-            front, behind = self._halves(f, side, height, on)
+            front, behind = self._halves(f, over, on)
             if not front:
                 self._hand_over(f, c, new)
             elif behind:
                 self.loops[f] = front
                 cell = [new if x == c else x for x in self.cell[f]]
                 self._facet(self.plane[f], behind, cell)
-        on |= {v for f in self.facets[c] | self.facets[new] for v in self.loops[f] if v >= len(side) or side[v] == 0}
+        on |= {v for f in self.facets[c] | self.facets[new] for v in self.loops[f] if over.side(v) == 0}
         places = np.array([self.vertices[v] for v in sorted(on)])
         first, second = Plane(normal=self.normals[plane], offset=float(self.offsets[plane])).axes()
         middle = places - places.mean(axis=0)
@@ -143,10 +170,10 @@ class Arrangement:
         self.facets[new].add(f)
         self.cell[f] = [new if x == old else x for x in self.cell[f]]
 
-    def _halves(self, f: int, side: list[int], height: FloatArray, on: set[int]) -> tuple[list[int], list[int]]:
+    def _halves(self, f: int, over: _Heights, on: set[int]) -> tuple[list[int], list[int]]:
         """The parts of a facet in front of the plane and behind it; a part without area is empty. Vertices on the plane are added to `on`."""
         loop = self.loops[f]
-        sides = [side[v] if v < len(side) else 0 for v in loop]
+        sides = [over.side(v) for v in loop]
         if -1 not in sides:
             return loop, []
         if 1 not in sides:
@@ -160,7 +187,7 @@ class Arrangement:
             if sides[k] <= 0:
                 behind.append(v)
             if sides[k] * after < 0:
-                share = height[v] / (height[v] - height[w])
+                share = over.height(v) / (over.height(v) - over.height(w))
                 middle = self._vertex(self.vertices[v] + share * (self.vertices[w] - self.vertices[v]))
                 on.add(middle)
                 front.append(middle)

@@ -11,7 +11,6 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,12 +36,9 @@ def true_solid_in_child(
     return _in_child({"mesh": mesh, "points": points, "options": options, "more": more}, options, "true faces")
 
 
-def patched_solid_in_child(
-    mesh: TriangleMesh, layouts: Sequence[TriangleMesh], options: CadOptions, *, spacing_m: float, noise_m: float
-) -> Trued:
+def patched_solid_in_child(mesh: TriangleMesh, options: CadOptions, *, spacing_m: float, noise_m: float) -> Trued:
     """`patched_solid`, as above."""
-    more = {"spacing_m": spacing_m, "noise_m": noise_m}
-    return _in_child({"mesh": mesh, "layouts": tuple(layouts), "more": more}, options, "NURBS patches")
+    return _in_child({"mesh": mesh, "more": {"spacing_m": spacing_m, "noise_m": noise_m}}, options, "NURBS patches")
 
 
 def _in_child(task: dict[str, Any], options: CadOptions, what: str) -> Trued:
@@ -69,10 +65,10 @@ def main(job: Path, result: Path) -> None:
     """Do the job and save its result."""
     threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     task = load(job)
-    if "layouts" in task:
-        save(patched_solid(task["mesh"], task["layouts"], **task["more"]), result)
-    else:
+    if "points" in task:
         save(true_solid(task["mesh"], task["points"], task["options"], **task["more"]), result)
+    else:
+        save(patched_solid(task["mesh"], **task["more"]), result)
 
 
 def _end_with_parent(parent: int) -> None:

@@ -1,22 +1,17 @@
-"""The CAD solid of a free form: NURBS patches on coarse triangles laid over its surface. Where these do not follow it its faces are facets."""
+"""The CAD solid of a free form: NURBS patches on tiles of its surface. Where these do not follow it its faces are facets."""
 
 from __future__ import annotations
 
-import numpy as np
-
 from scan2fea.cad import CadOptions, Trued
-from scan2fea.errors import StageError
 from scan2fea.kernel.measures import area, face_areas
 from scan2fea.pipeline.config import Config
 from scan2fea.pipeline.faces_worker import patched_solid_in_child
 from scan2fea.pipeline.part import Made
 from scan2fea.pipeline.record import Record, Tracked
-from scan2fea.remeshing import RemeshOptions, remesh
 from scan2fea.types import Brep, TriangleMesh
 
 PATCHES = "NURBS patches"
 FLAT_SHARE = 0.05  # of the area in planes: with more the planes are worth more to a user than smoothness, and facets keep them
-LAYOUTS = (100, 250, 600)  # triangles of the coarse meshes that are tried; three patches each
 
 
 def build_patches(made: Made, surface: Tracked[TriangleMesh], config: Config, record: Record) -> Brep | None:
@@ -41,17 +36,7 @@ def _flat_share(mesh: TriangleMesh) -> float:
 
 
 def _patched(mesh: TriangleMesh, options: CadOptions, *, spacing_m: float, noise_m: float) -> Trued:
-    layouts = []
-    for n in LAYOUTS:
-        if 3 * n >= len(mesh.faces):  # as many patches as triangles say nothing new
-            break
-        edge = float(np.sqrt(4 / np.sqrt(3) * area(mesh) / n))
-        try:
-            coarse = remesh(mesh, RemeshOptions(edge_m=edge, planes=False, max_faces=n), spacing_m=spacing_m, sigma_m=noise_m)
-        except StageError:
-            continue
-        layouts.append(TriangleMesh(vertices=coarse.mesh.vertices, faces=coarse.mesh.faces))
-    return patched_solid_in_child(mesh, layouts, options, spacing_m=spacing_m, noise_m=noise_m)
+    return patched_solid_in_child(mesh, options, spacing_m=spacing_m, noise_m=noise_m)
 
 
 def _n_faces(found: Trued) -> int:

@@ -20,10 +20,19 @@ SCATTER_MARGIN = 1.2  # the surface follows the points a little, so their distan
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Ends(Value):
-    """Ends of walls on which nothing was measured.   share : of the volume that may hide beyond them, at most 1.   places : (k, 3) on them."""
+    """Ends of walls on which nothing was measured.
 
-    share: float
+    shares : (s,) of the volume that may hide beyond each.   places : (k, 3) on them.   of : (k,) which of them each is on.
+    """
+
+    shares: FloatArray
     places: FloatArray
+    of: IntArray
+
+    @property
+    def share(self) -> float:
+        """Of all, at most 1."""
+        return min(1.0, float(self.shares.sum()))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -10,12 +10,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scan2fea.errors import ReconstructionError, require
 from scan2fea.kernel.arrangement import Arrangement
 from scan2fea.kernel.surfaces import Surface
 from scan2fea.reconstruction.plane_growing import Planes
 from scan2fea.reconstruction.round_growing import Rounds
 from scan2fea.types import FloatArray, IntArray, Value
 
+MOST_CELLS = 5000  # pieces of space, a millisecond each: brackets and tubes need 200 to 800, cylinders laid through a dome a million
 SAGITTA = 0.025  # spacings that the arc of a facet rises over its chord, and no more than the noise where that is larger still
 LEAST_FACETS, MOST_FACETS = 12, 96
 
@@ -70,7 +72,10 @@ def facets(surface: Surface, spacing_m: float) -> tuple[FloatArray, float]:
 
 
 def cut_round(space: Arrangement, every: Shapes, number: int, cells: list[int], group: list[int]) -> list[int]:
-    """Part cells by a cylinder. group : (n_cells,) number of the cell that each piece counts as; returned for the pieces of now."""
+    """Part cells by a cylinder. group : (n_cells,) number of the cell that each piece counts as; returned for the pieces of now.
+
+    Raises ReconstructionError beyond MOST_CELLS.
+    """
     rows, out, new = every.rows(number), list(group), dict[int, int]()
     sense = every.rounds.surfaces[number].sense
     for c in cells:
@@ -80,6 +85,8 @@ def cut_round(space: Arrangement, every: Shapes, number: int, cells: list[int], 
         for row in rows:
             front, behind = space.cut(int(row), within)
             within = behind if sense > 0 else front
+            says = f"flat and round faces would cut space into more than {MOST_CELLS} pieces: they are no solid of such faces"
+            require(space.n_cells <= MOST_CELLS, ReconstructionError, says)
             if not within:
                 break
         without = set(range(before, space.n_cells)) | {c}

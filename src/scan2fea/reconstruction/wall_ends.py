@@ -37,7 +37,7 @@ FLAT_END, FACES_SO = 0.7, 0.7  # length of the mean normal of a stretch that lie
 BEYOND = 1.5  # spacings beyond a wall's end, at least its thickness: where it would go on
 STEPS = (0.25, 0.5, 1.0)  # of that distance: where a sight line is asked for; the wall may go on as far as the first that has one
 IN_WALL = 0.25  # of its thickness off the middle of a wall: a sight line farther off may pass beside a wall that bends
-ON, MOSTLY = 0.25, 0.5  # spacings, besides the noise, from a surface that lies on a place; of the places of an end that another answer told of
+ON = 0.25  # spacings, besides the noise, from a surface that lies on a place
 WHOLE_END = 0.5  # of the area in that plane: with more of it unseen the part may go on there
 
 
@@ -61,7 +61,7 @@ def wall_ends(evidence: Evidence, limit: float = LIMIT) -> Check:
     An end of length P round a hole encloses at most P^2 / (4 pi) of wall, at an edge twice that, at a corner four times; where more than half of an
     end that the whole part lies behind has no points, anything may be beyond. Where sight lines pass beyond an end it may reach as far as these.
     """
-    told = max((unseen_ends(evidence), *(ends for ends in evidence.ends_before if _is_there(ends, evidence))), key=lambda ends: ends.share)
+    told = max((unseen_ends(evidence), *(_still_there(ends, evidence) for ends in evidence.ends_before)), key=lambda ends: ends.share)
     says = (
         f"{told.share:.0%} of the volume may hide beyond ends of walls where no point was measured (limit {limit:.0%}){around(told.places)}: "
         "the scan may end there, not the wall; scan the edges too, or fit the member"
@@ -73,23 +73,33 @@ def unseen_ends(evidence: Evidence) -> Ends:
     """The ends of walls of this surface on which nothing was measured."""
     mesh = evidence.mesh
     body, normals, areas = abs(volume(mesh)), face_normals(mesh), face_areas(mesh)
-    hidden, where = 0.0, [np.zeros((0, 3))]
+    hidden, where = list[float](), list[FloatArray]()
     unproved, every = stretches(evidence)
     for stretch in every:
         ends = np.isfinite(stretch.slack_m)
-        hidden += float(areas[stretch.faces[ends]] @ stretch.slack_m[ends])
-        where.append(mesh.vertices[mesh.faces[stretch.faces[ends]]].mean(axis=1))
+        if ends.any():
+            hidden.append(float(areas[stretch.faces[ends]] @ stretch.slack_m[ends]))
+            where.append(mesh.vertices[mesh.faces[stretch.faces[ends]]].mean(axis=1))
     for stretch in unproved:
         endless = _ends_part(stretch, mesh, normals, areas, stretch.wall_m + JOINED * evidence.spacing_m)
-        hidden += math.inf if endless else stretch.wall_m * stretch.length_m**2 / math.pi
+        hidden.append(body if endless else stretch.wall_m * stretch.length_m**2 / math.pi)
         where.append(mesh.vertices[mesh.faces[stretch.faces]].mean(axis=1))
-    return Ends(share=min(1.0, hidden / body) if body > 0.0 else 0.0, places=np.concatenate(where))
+    return Ends(
+        shares=np.array(hidden) / body if body > 0.0 else np.zeros(len(hidden)),
+        places=np.concatenate([np.zeros((0, 3)), *where]),
+        of=np.repeat(np.arange(len(where)), [len(places) for places in where]),
+    )
 
 
-def _is_there(ends: Ends, evidence: Evidence) -> bool:
-    """Does the surface lie on most of the places of these ends? One that closes a notch, or opens it farther, leaves them."""
-    near = PointToMesh(evidence.mesh).nearest(ends.places).distance <= ON * evidence.spacing_m + evidence.sigma_m
-    return bool(len(near) and near.mean() > MOSTLY)
+def _still_there(ends: Ends, evidence: Evidence) -> Ends:
+    """What these ends tell where this surface lies on them too: what may hide goes with the square of their length.
+
+    A surface that closes a notch, or opens it farther, leaves them.
+    """
+    on = PointToMesh(evidence.mesh).nearest(ends.places).distance <= ON * evidence.spacing_m + evidence.sigma_m
+    n = len(ends.shares)
+    part = np.bincount(ends.of, on, n) / np.maximum(np.bincount(ends.of, minlength=n), 1)
+    return Ends(shares=ends.shares * part**2, places=ends.places[on], of=ends.of[on])
 
 
 def stretches(evidence: Evidence) -> tuple[list[Stretch], list[Stretch]]:

@@ -86,3 +86,24 @@ def test_a_plate_with_a_slot_has_four_faces_in_it(sigma):
     back = read_back(found.brep.step)
     assert back.is_valid
     assert (back.n_solids, back.n_free_edges) == (1, 0)
+
+
+@pytest.mark.parametrize(("lean", "touches"), [(0.02, True), (0.03, False)])
+def test_a_wall_that_leans_by_less_than_the_tolerance_runs_along_the_axis(lean, touches):
+    """Refused as parallel by chance: 4 mm from its middle it moves by 0.08 and 0.12 mm (limit 0.1)."""
+    surfaces, own = slot()
+    axis = np.array([0.0, -1.0, lean]) / np.hypot(1.0, lean)
+    found, limits = touching([surfaces[0], surfaces[1], Surface(kind=PLANE, point=np.array([-10, R, 4.0]), axis=axis)], own, 0.1, 0.5)
+    assert [len(ends) for ends in limits] == ([2, 1, 1] if touches else [1, 1, 0])
+    if touches:
+        assert found[2].axis == pytest.approx(-Y, abs=1e-12)
+        assert found[0].radius == pytest.approx(R)
+    else:
+        assert found[2].axis == pytest.approx(axis)
+
+
+def test_planes_that_lean_elsewhere_are_left_alone():
+    surfaces, own = slot()
+    far = Surface(kind=PLANE, point=np.array([-10, 3 * R, 4.0]), axis=np.array([0.0, -1.0, 0.01]) / np.hypot(1.0, 0.01))
+    found, _ = touching([*surfaces, far], [*own, own[2] + [0, 2 * R, 0]], 0.1, 0.5)
+    assert found[3] is far

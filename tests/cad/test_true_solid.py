@@ -248,6 +248,25 @@ def test_patches_along_rounded_creases_are_given_up_but_the_wall_of_a_hole_is_no
     assert unexplained(mesh, lost, 1e-3) > 0.1
 
 
+@pytest.mark.parametrize(("share", "kept"), [(0.19, False), (0.21, True)])
+def test_a_narrow_face_that_the_points_ask_for_is_no_rounding(share, kept):
+    """The side of a slot 20 long in a plate 10 thick, all of it within the reach of the ends and of top or bottom."""
+    with drawing() as occ:
+        ends = [(3, occ.addCylinder(x, 0.04, -0.01, 0, 0, 0.03, 0.01)) for x in (0.05, 0.07)]
+        occ.cut([(3, occ.addBox(0, 0, 0, 0.12, 0.08, 0.01))], [*ends, (3, occ.addBox(0.05, 0.03, -0.01, 0.02, 0.02, 0.03))])
+        mesh = repair(triangles(0.002)).mesh
+    found = segmented(mesh, 1e-5)
+    assert len(found.surfaces) == 10
+    one = next(k for k, s in enumerate(found.surfaces) if s.kind == "plane" and abs(s.point[1] - 0.03) < 1e-4)
+    rows = np.flatnonzero(found.label == one)
+    n = 100
+    middle, rim = np.array([0.06, 0.03, 0.005]), np.array([0.06, 0.03, 0.0])
+    points = np.concatenate([np.tile(middle, (round(share * n), 1)), np.tile(rim, (n - round(share * n), 1))])
+    gone = len(without_roundings(mesh, found, 0.0065).surfaces)
+    assert gone == 8
+    assert len(without_roundings(mesh, found, 0.0065, (), (points, np.full(n, rows[0]), 1e-4)).surfaces) == gone + kept
+
+
 @pytest.mark.parametrize(("depth", "told"), [(0.002, True), (0.0, False)])
 def test_a_shallow_pocket_that_the_solid_leaves_out_is_told(depth, told):
     """0.8 % of the surface and 2 mm deep: within 95 % of the surface, the largest distance, the volume and the count of holes."""

@@ -18,13 +18,20 @@ ALIKE = float(np.cos(np.radians(2.0)))  # planes turned by less are one where th
 MEETS = 0.94  # cosine of normals: surfaces nearer to parallel do not meet in a crease
 BETWEEN = float(np.sin(np.radians(30.0)))  # farther out of the cone of its neighbours' normals a patch is no rounding between them
 MOST_OF_ONE = 2.0  # the middle between two normals is their sum times 1 / (2 cos(angle / 2)): 150 degrees apart
+LEAST_TOLD, MOST_TOLD = 12, 0.2  # points, and the share of them off the faces beside it, that tell a narrow face: of a crease one in 100 does
 SMALL_TURN = 0.1  # of its area: the sum of the normals of a patch that goes all the way round
 
+Told = tuple[FloatArray, IntArray, float]
 
-def without_roundings(mesh: TriangleMesh, patches: Patches, reach_m: float, known: Sequence[Surface] = ()) -> Patches:
+
+def without_roundings(
+    mesh: TriangleMesh, patches: Patches, reach_m: float, known: Sequence[Surface] = (), told: Told | None = None
+) -> Patches:
     """Patches along creases, where the surface is rounded by the noise, given up: the smallest first, where every corner lies within reach of two
     surfaces next to it that meet at an angle there. The wall of a hole in a thin plate is near two surfaces too, but these do not meet.
-    Those on `known` planes stay.
+    Those on `known` planes stay, and flat faces and whole turns that the points ask for.
+
+    told : the measured points, the face of the mesh next to each, and how far a point lies off its own surface at most.
     """
     near, label = Near(mesh, 0), patches.label.copy()
     area = np.bincount(label[label >= 0], weights=near.areas[label >= 0], minlength=len(patches.surfaces))
@@ -32,7 +39,7 @@ def without_roundings(mesh: TriangleMesh, patches: Patches, reach_m: float, know
         rows = np.flatnonzero(label == number)
         if not len(rows) or area[number] > 0.02 * near.areas.sum() or any(_same_plane(patches.surfaces[number], k, reach_m) for k in known):
             continue
-        if _is_rounding(near, patches.surfaces, label, rows, reach_m):
+        if _is_rounding(near, patches.surfaces, label, rows, reach_m) and not _is_told(near, patches.surfaces, label, rows, told):
             label[rows] = -1
     kept = np.unique(label[label >= 0])
     packed = np.full(len(patches.surfaces) + 1, -1, np.int64)
@@ -82,6 +89,22 @@ def _is_rounding(near: Near, surfaces: tuple[Surface, ...], label: IntArray, row
         k for k in _around(near, label, rows, corners, 2 * reach) if k not in names and float(np.abs(surfaces[k].distance(corners)).min()) <= reach
     ]  # the third face of a corner need not touch what is left of its rounding
     return _is_between(near, rows, np.stack([surfaces[k].normals(corners) for k in within]))
+
+
+def _is_told(near: Near, surfaces: tuple[Surface, ...], label: IntArray, rows: IntArray, told: Told | None) -> bool:
+    """Whether many points of a patch lie on it and on no surface beside it: those of a rounded crease lie on one of these. Of round patches only such
+    as go all the way round: less of a turn may be a fillet, which cells cannot cut.
+    """
+    number = int(label[rows[0]])
+    whole = float(np.linalg.norm(near.areas[rows] @ near.normals[rows])) < SMALL_TURN * float(near.areas[rows].sum())
+    if told is None or (surfaces[number].kind != PLANE and not whole):
+        return False
+    points, face, tolerance = told
+    own = points[np.isin(face, rows)]
+    if len(own) < LEAST_TOLD:
+        return False
+    off = np.min([np.abs(surfaces[k].distance(own)) for k in beside(near, label, rows)], axis=0)
+    return bool(np.mean((off > tolerance) & (np.abs(surfaces[number].distance(own)) <= tolerance)) > MOST_TOLD)
 
 
 def _around(near: Near, label: IntArray, rows: IntArray, corners: FloatArray, far: float) -> list[int]:

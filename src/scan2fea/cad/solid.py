@@ -136,7 +136,8 @@ def _candidates(mesh: TriangleMesh, near: Measured, known: list[Surface], scale:
 
 def _candidate(mesh: TriangleMesh, near: Measured, known: list[Surface], scale: Scale, factor: float) -> _Candidate:
     def evident(given: Patches) -> Patches:
-        return asked_for(mesh, without_roundings(mesh, given, factor * scale.reach_m, known), near.points, near.face, near.density)
+        told = near.points, near.face, scale.tolerance_m
+        return asked_for(mesh, without_roundings(mesh, given, factor * scale.reach_m, known, told), near.points, near.face, near.density)
 
     found = segmented(mesh, factor * scale.tolerance_m, known)
     patches = evident(found)

@@ -15,6 +15,7 @@ from scan2fea.kernel.surfaces import CYLINDER, PLANE, Surface
 from scan2fea.types import BoolArray, FloatArray, Value
 
 SQUARE = 1e-6  # cosine of plane and axis: relations make them parallel exactly or leave them
+LEANS = float(np.sin(np.radians(2.5)))  # as far as relations are looked for
 EXACT = 1e-9  # of the radius: what rounding leaves of a cylinder that touches all its planes
 
 
@@ -33,6 +34,7 @@ def touching(
 
     tolerance : by how much a cylinder may miss its plane.   reach : how far the rounding of a crease goes.
     """
+    surfaces = _along_axes(surfaces, own, tolerance, reach)
     out = list(surfaces)
     limits: list[list[Limit]] = [[] for _ in surfaces]
     for c, round_one in enumerate(surfaces):
@@ -49,6 +51,25 @@ def touching(
             limits[k].append(Limit(at=at, inward=side * along))
             limits[c].append(Limit(at=at, inward=-side * along))
     return out, [tuple(found) for found in limits]
+
+
+def _along_axes(surfaces: Sequence[Surface], own: Sequence[FloatArray], tolerance: float, reach: float) -> list[Surface]:
+    """The surfaces with planes that would touch a cylinder turned about the middle of their patch so that they run along its axis, where no corner of
+    it moves by more than the tolerance. Of many relations one in a hundred is refused by chance; that the patches end at one line is evidence too.
+    """
+    out = list(surfaces)
+    for round_one, arc in zip(surfaces, own, strict=True):
+        for k, flat in enumerate(out):
+            lean = float(round_one.axis @ flat.axis) if (round_one.kind, flat.kind) == (CYLINDER, PLANE) else 0.0
+            if not SQUARE < abs(lean) <= LEANS:
+                continue
+            axis = flat.axis - lean * round_one.axis
+            middle = own[k].mean(0)
+            turned = replace(flat, point=middle - float((middle - flat.point) @ flat.axis) * flat.axis, axis=axis / np.linalg.norm(axis))
+            moves = np.abs(turned.distance(own[k]) - flat.distance(own[k])).max()
+            if moves <= tolerance and _touch(round_one, arc, turned, own[k], tolerance, reach):
+                out[k] = turned
+    return out
 
 
 def _line(round_one: Surface, flat: Surface) -> tuple[FloatArray, FloatArray]:

@@ -2,9 +2,12 @@ import numpy as np
 import pytest
 
 from predicates import assert_closed_manifold_oriented, moved, rotation
+from scan2fea.kernel.delaunay import tetrahedralise
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction import visibility
+from scan2fea.reconstruction.pinholes import _handles
+from scan2fea.reconstruction.singular import boundary, resolve
 from scan2fea.simulation.shapes import bracket, chs
 from scanned import scan_of, scanned
 
@@ -35,3 +38,16 @@ def test_a_place_hidden_on_both_skins_is_no_hole_where_no_sight_line_passed(radi
     seen = np.linalg.norm(places - middle, axis=1) > np.hypot(radius * spacing, wall / 2)
     found = visibility(scan_of(scan.cloud.points[seen], scan.sensors()[seen]))
     assert surface_topology(found.mesh).n_handles == 1
+
+
+def test_holes_are_counted_as_the_topology_of_the_surface_says():
+    """Tubes laid side by side, a hole each, cut out of the tets between random points."""
+    tetra = tetrahedralise(np.random.default_rng(0).random((4000, 3)), 0.05, 0)
+    middle = tetra.points[tetra.tets].mean(axis=1)
+    none = np.zeros((len(tetra), 4))
+    for n in (1, 2, 3):
+        away = np.hypot((middle[:, 0] * n) % 1 - 0.5, (middle[:, 1] - 0.5) * n) / n
+        inside = ~tetra.is_box & (np.abs(middle - 0.5).max(axis=1) < 0.42) & (away > 0.12)
+        found = resolve(tetra, inside, none, np.zeros(len(tetra)), inside.astype(float), 0.05)
+        topology = surface_topology(boundary(tetra, found.inside)[0])
+        assert topology.is_clean and _handles(tetra, found.inside) == topology.n_handles >= 1

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from predicates import assert_closed_manifold_oriented, assert_no_crossing, moved, rotation
+from scan2fea.errors import ReconstructionError
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.surfaces import CYLINDER, Surface
 from scan2fea.kernel.topology import surface_topology
@@ -12,6 +13,7 @@ from scan2fea.reconstruction.bores import wall_bores
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.gates_round import out_of_round
 from scan2fea.reconstruction.pictures import Rolled
+from scan2fea.reconstruction.planar import arranged
 from scan2fea.reconstruction.plane_growing import Planes, grow_planes
 from scan2fea.reconstruction.round_cuts import facets, shapes
 from scan2fea.reconstruction.round_gaps import between
@@ -157,3 +159,18 @@ def test_cylinders_follow_motion_and_scale_and_leave_the_points_alone():
     R = rotation(9)
     two = rounds_of(100.0 * scan.cloud.points @ R.T, replace(first, normals=first.normals @ R.T, spacing_m=100 * first.spacing_m, sigma_m=0.0))
     assert [s.radius for s in one.surfaces] == pytest.approx([s.radius / 100 for s in two.surfaces], rel=1e-6)
+
+
+def test_cylinders_that_would_cut_space_to_dust_are_given_up(monkeypatch):
+    """Cylinders laid through a dome cross each other: each side of one cuts all pieces of the others."""
+    surfaces = tuple(replace(_cylinder(0.1), axis=POSE[:, k]) for k in range(3))
+    angle, along = np.linspace(0, 2 * np.pi, 50), np.linspace(-0.1, 0.1, 50)
+    points = np.concatenate([s.point + 0.1 * np.column_stack([np.cos(angle), np.sin(angle)]) @ s.frame() + np.outer(along, s.axis) for s in surfaces])
+    rounds = Rounds(surfaces=surfaces, label=np.repeat(np.arange(3), 50), std_m=np.full(3, 1e-6))
+    none = Planes(normal=np.zeros((0, 3)), offset=np.zeros(0), label=np.full(150, -1), std_m=np.zeros(0))
+    every = shapes(points, none, rounds, 0.1)
+    _, _, group = arranged(points, every, 0.1, 0.0)
+    assert len(np.unique(group)) == 2**3  # within and without each
+    monkeypatch.setattr("scan2fea.reconstruction.round_cuts.MOST_CELLS", 100)
+    with pytest.raises(ReconstructionError, match="more than 100 pieces"):
+        arranged(points, every, 0.1, 0.0)

@@ -137,9 +137,21 @@ def _sort(key: IntArray, value: IntArray) -> None:
 
 def _pairs_on_edges(table: EdgeTable) -> tuple[IntArray, IntArray]:
     """Half-edges that follow one another on the same edge: enough to join all faces of each edge."""
-    order = np.argsort(table.edge_of, kind="stable")
+    order = _by_edge(table.edge_of, table.count)
     same = table.edge_of[order[:-1]] == table.edge_of[order[1:]]
     return order[:-1][same], order[1:][same]
+
+
+@jit
+def _by_edge(edge_of: IntArray, count: IntArray) -> IntArray:
+    """Half-edges in the order of their edges, those of one edge ascending."""
+    place, order = np.zeros(len(count), np.int64), np.empty(len(edge_of), np.int64)
+    for e in range(1, len(count)):
+        place[e] = place[e - 1] + count[e - 1]
+    for h in range(len(edge_of)):
+        order[place[edge_of[h]]] = h
+        place[edge_of[h]] += 1
+    return order
 
 
 def _join(n: int, i: IntArray, j: IntArray) -> tuple[int, IntArray]:
@@ -184,16 +196,18 @@ def surface_topology(mesh: TriangleMesh) -> SurfaceTopology:
     faces, n = mesh.faces, len(mesh.vertices)
     table = edge_table(faces)
     directed = half_edges(faces)
-    repeated = np.unique(directed[:, 0] * n + directed[:, 1], return_counts=True)[1]
-    fans = np.unique(np.stack([faces.ravel(), corner_fans(faces, table)], axis=1), axis=0)[:, 0]
-    fans_per_vertex = np.bincount(fans, minlength=n)
+    upward = np.bincount(table.edge_of[directed[:, 0] < directed[:, 1]], minlength=len(table.count))
+    fan = corner_fans(faces, table)
+    vertex_of_fan = np.zeros(int(fan.max(initial=-1)) + 1, np.int64)
+    vertex_of_fan[fan] = faces.ravel()  # all corners of a fan are of one vertex
+    fans_per_vertex = np.bincount(vertex_of_fan, minlength=n)
     i, j = _pairs_on_edges(table)
     return SurfaceTopology(
         n_vertices=n,
         n_faces=len(faces),
         n_boundary_edges=int((table.count == 1).sum()),
         n_nonmanifold_edges=int((table.count > 2).sum()),
-        n_repeated_directed_edges=int((repeated > 1).sum()),
+        n_repeated_directed_edges=int((upward > 1).sum() + (table.count - upward > 1).sum()),
         n_pinched_vertices=int((fans_per_vertex > 1).sum()),
         n_components=_join(len(faces), i // 3, j // 3)[0] if len(faces) else 0,
         n_unused_vertices=int((fans_per_vertex == 0).sum()),

@@ -51,9 +51,12 @@ def reconstruct(scan: Scan, options: ReconstructionOptions = ReconstructionOptio
     found = METHODS[options.method](fewer, options)
     if options.method != "visibility":
         return found
-    found = contradicted(fewer, served(fewer, found, options.seed), options.seed) if options.flat else found
+    flats: tuple[Reconstruction, ...] = ()
+    if options.flat:
+        found, flats = served(fewer, found, options.seed)
     found = served_smooth(fewer, found) if options.smooth else found
-    return served_sharp(fewer, found) if options.flat else found
+    found = served_sharp(fewer, found) if options.flat else found
+    return contradicted(fewer, found, flats, options.seed)  # asked of what is shipped: led out edges may have mended the rest
 
 
 __all__ = [

@@ -2,23 +2,31 @@
 
 Of random points of density rho the circles through three neighbours (Delaunay) that hold no other have 2 rho of them per area, and one of radius r
 or more is a chance of (1 + x) exp(-x), x = rho pi r^2 (Miles 1970). Where both faces of a wall leave the same place bare, x is that of both.
+
+Where sight lines are known, a hole is what one of them passes through: the wall of a bore is seen along such lines. What none passes was not looked
+at from either side: there the planes go on, and what may be missing is told.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import label
 from scipy.optimize import brentq
-from scipy.spatial import Delaunay, QhullError
+from scipy.spatial import Delaunay, QhullError, cKDTree
 
 from scan2fea.kernel.distances import PointToMesh
-from scan2fea.kernel.measures import face_areas, face_normals
+from scan2fea.kernel.measures import face_areas, face_normals, volume
 from scan2fea.kernel.primitives import Plane
 from scan2fea.kernel.rays import RayScene, first_hits, scene_of
 from scan2fea.reconstruction.blurred_faces import from_outline
+from scan2fea.reconstruction.budget import UNSEEN_WALLS
 from scan2fea.reconstruction.evidence import around, at_most
-from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh
+from scan2fea.reconstruction.hidden_volume import LIMIT
+from scan2fea.reconstruction.sight import Sight
+from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh, Value
 
 EMPTY_PLACES = "empty places in flat walls"
 CHANCE = 0.0025  # that random points leave a place so bare anywhere on the part
@@ -26,27 +34,86 @@ FACING = -0.99  # cosine between the two faces of a wall
 LEAST_POINTS = 12  # of a face
 LOOKS = 200  # places of a face that are asked for what lies behind it
 WITHIN = 0.8  # of a circle's radius: how far it stays from the outline, beside which points are missing for want of neighbours
+BARE = 6.0  # points of both faces that are due in a circle: without one, by chance, 0.25 % of a wall
+PIXELS = 4  # in the radius of such a circle
 RING = 64  # places round a circle, up to twice its radius, that tell how dense the points are there
 HAIR = 1e-6  # of the size
 
 
-def empty_places(mesh: TriangleMesh, points: FloatArray) -> Check:
-    """How many places in walls of a flat solid (`face_region` is set) are empty on both faces by more than chance? points : (n, 3)."""
+_FIELDS = ("middle", "radius", "wall_m", "normal", "area_m2")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Discs(Value):
+    """Empty circles on one face of a wall.   middle, normal : (k, 3), outward.   radius, wall_m : (k,).
+
+    area_m2 : (k,) of the bare part of the wall that a circle is of, shared with the other circles in it.
+    """
+
+    middle: FloatArray
+    radius: FloatArray
+    wall_m: FloatArray
+    normal: FloatArray
+    area_m2: FloatArray
+
+    @property
+    def volume_m3(self) -> float:
+        """Of the wall that is bare."""
+        return float(np.sum(self.area_m2 * self.wall_m))
+
+    def passed(self, sight: Sight) -> BoolArray:
+        """(k,) those through which a sight line crosses the middle of the wall and ends deeper than one that meets the face may seem to."""
+        out = np.zeros(len(self.radius), bool)
+        for k, (normal, wall, radius) in enumerate(zip(self.normal, self.wall_m, self.radius, strict=True)):
+            heart = self.middle[k] - 0.5 * wall * normal
+            for side in (1.0, -1.0):
+                start, end = side * ((sight.origin - heart) @ normal), side * ((sight.target - heart) @ normal)
+                rows = np.flatnonzero((start > 0.0) & (end < 0.0) & (end < 0.5 * wall - sight.skin_m))
+                share = (start[rows] / (start[rows] - end[rows]))[:, None]
+                crossing = sight.origin[rows] + share * (sight.target[rows] - sight.origin[rows])
+                out[k] |= bool((np.linalg.norm(crossing - heart, axis=1) <= radius).any())
+        return out
+
+    def of(self, chosen: BoolArray) -> Discs:
+        return Discs(**{name: getattr(self, name)[chosen] for name in _FIELDS})
+
+
+def empty_places(mesh: TriangleMesh, points: FloatArray, sight: Sight | None = None) -> tuple[Check, ...]:
+    """How many places in walls of a flat solid (`face_region` is set) are empty on both faces by more than chance? points : (n, 3).
+
+    sight : lines that pass holes; with them a second check tells how much wall lies under the places that none passes.
+    """
+    discs = discs_of(mesh, points)
+    is_hole = np.ones(len(discs.radius), bool) if sight is None else discs.passed(sight)
+    holes, rest = discs.of(is_hole), discs.of(~is_hole)
+    says = (
+        f"at {len(holes.radius)} places flat walls have no points on either face{around(holes.middle)}: "
+        "holes, or not scanned; planes would close them"
+    )
+    check = at_most(EMPTY_PLACES, float(len(holes.radius)), 0.0, says)
+    if sight is None:
+        return (check,)
+    share = rest.volume_m3 / abs(volume(mesh))
+    says = (
+        f"{share:.1%} of the volume lies where walls have no points on either face and no sight line passes (limit {LIMIT:.0%})"
+        f"{around(rest.middle)}: they may go on there or not; scan there too, or fit the member"
+    )
+    return check, at_most(UNSEEN_WALLS, share, LIMIT, says)
+
+
+def discs_of(mesh: TriangleMesh, points: FloatArray) -> Discs:
+    """The empty places. points : (n, 3)."""
     region = np.zeros(len(mesh.faces), np.int64) if mesh.face_region is None else np.unique(mesh.face_region, return_inverse=True)[1].ravel()
     of = region[PointToMesh(mesh).nearest(points).face]
     least = emptiness(len(points))
     scene, normals = scene_of(mesh), face_normals(mesh)
-    found = [np.zeros((0, 3))]
+    found = [Discs(middle=np.zeros((0, 3)), radius=np.zeros(0), wall_m=np.zeros(0), normal=np.zeros((0, 3)), area_m2=np.zeros(0))]
     for first in np.unique(region):
         for second in _behind(mesh, scene, region, normals, int(first)):
             pair = (int(first), int(second))
             if min(np.sum(of == pair[0]), np.sum(of == pair[1])) >= LEAST_POINTS:
                 found.append(_in_wall(mesh, scene, region, normals, pair, points, of, least))
-    places = np.concatenate(found)
-    says = (
-        f"at {len(places)} places flat walls have no points on either face{around(places)}: holes, or not scanned; planes would close them"
-    )
-    return at_most(EMPTY_PLACES, float(len(places)), 0.0, says)
+    return Discs(**{name: np.concatenate([getattr(own, name) for own in found]) for name in _FIELDS})
 
 
 def emptiness(n_points: int) -> float:
@@ -76,8 +143,8 @@ def _in_wall(
     points: FloatArray,
     of: IntArray,
     least: float,
-) -> FloatArray:
-    """(k, 3) middles of the places, on the first face, that the points of both faces of a wall leave empty."""
+) -> Discs:
+    """The places, on the first face, that the points of both faces of a wall leave empty."""
     faces = [region == number for number in pair]
     plane = _plane(mesh, faces[0], normals)
     axes, both = plane.axes(), np.flatnonzero((of == pair[0]) | (of == pair[1]))
@@ -94,7 +161,31 @@ def _in_wall(
         if all(np.linalg.norm(middle[k] - middle[j]) >= radius[j] for j in kept):
             kept.append(int(k))
     kept = [k for k in kept if _ring_count(scene, region, plane, pair, middle[k], radius[k], flat, _hair(mesh)) >= least]
-    return np.asarray(middle[kept] @ axes + plane.offset * plane.normal)
+    at = middle[kept] @ axes + plane.offset * plane.normal
+    wall = np.abs(_plane(mesh, faces[1], normals).distance(at))
+    area = _bare_area(scene, region, plane, pair, middle[kept], flat, math.sqrt(BARE / (math.pi * density)), _hair(mesh))
+    return Discs(middle=at, radius=radius[kept], wall_m=wall, normal=np.tile(plane.normal, (len(kept), 1)), area_m2=area)
+
+
+def _bare_area(
+    scene: RayScene, region: IntArray, plane: Plane, pair: tuple[int, int], middle: FloatArray, flat: FloatArray, reach_m: float, hair: float
+) -> FloatArray:
+    """(k,) area of the bare part of a wall round each empty circle: what circles of `reach_m` without a point cover, together with its middle."""
+    if not len(middle):
+        return np.zeros(0)
+    pixel, low = reach_m / PIXELS, flat.min(axis=0) - reach_m
+    shape = tuple(np.ceil((flat.max(axis=0) + reach_m - low) / pixel).astype(np.int64).tolist())
+    at = low + (np.argwhere(np.ones(shape, bool)) + 0.5) * pixel
+    on = np.zeros(len(at), bool)
+    rows = np.flatnonzero(np.asarray(cKDTree(flat).query(at)[0]) > reach_m)
+    on[rows] = _across(scene, region, plane, pair, at[rows], hair)
+    part = label(on.reshape(shape))[0].ravel()
+    own = part[np.flatnonzero(on)[cKDTree(at[on]).query(middle)[1]]] if on.any() else np.zeros(len(middle), np.int64)
+    out = np.zeros(len(middle))
+    for number in np.unique(own[own > 0]):
+        near = np.flatnonzero(np.asarray(cKDTree(at[part == number]).query(at, distance_upper_bound=reach_m)[0]) < np.inf)
+        out[own == number] = pixel**2 * np.sum(_across(scene, region, plane, pair, at[near], hair)) / np.sum(own == number)
+    return out
 
 
 def _plane(mesh: TriangleMesh, own: BoolArray, normals: FloatArray) -> Plane:
@@ -138,8 +229,14 @@ def _ring_count(
     scene: RayScene, region: IntArray, plane: Plane, pair: tuple[int, int], middle: FloatArray, radius: float, flat: FloatArray, hair: float
 ) -> float:
     """Points that the ring round an empty circle, up to twice its radius, foretells for it: as dense there as beside it."""
-    angle = np.arange(RING) * (np.pi * (3.0 - math.sqrt(5.0)))  # a sunflower
-    ring = middle + radius * np.sqrt(1.0 + 3.0 * (np.arange(RING) + 0.5) / RING)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    ring = middle + radius * _sunflower(1.0, 2.0)
     share = float(_across(scene, region, plane, pair, ring, hair).mean())
     off = np.linalg.norm(flat - middle, axis=1)
     return float(np.sum((off > (1.0 + HAIR) * radius) & (off <= 2.0 * radius))) / max(3.0 * share, 1.0 / RING)
+
+
+def _sunflower(inner: float, outer: float) -> FloatArray:
+    """(RING, 2) places spread evenly between two circles."""
+    angle = np.arange(RING) * (np.pi * (3.0 - math.sqrt(5.0)))
+    share = (np.arange(RING) + 0.5) / RING
+    return np.asarray(np.sqrt(inner**2 + (outer**2 - inner**2) * share)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))

@@ -24,7 +24,7 @@ from scan2fea.reconstruction.plane_growing import Planes, tolerance_m
 from scan2fea.reconstruction.round_cuts import Shapes
 from scan2fea.reconstruction.round_growing import CHORD
 from scan2fea.reconstruction.rounds import on_rounds
-from scan2fea.reconstruction.sight import blocked_lines
+from scan2fea.reconstruction.sight import Sight, blocked_lines
 from scan2fea.reconstruction.visibility import DARK_HOLES, Reconstruction
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, Scan, TriangleMesh
 
@@ -94,7 +94,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
         hidden_volume_flat(whole, backed, h, unrolled),
         *((flat_ends(whole, backed, h, unrolled), blocked_lines(scan, mesh, h, sigma)) if by_lines else ()),
         bare_faces(whole, cloud.points, scan.sensors(), h),
-        empty_places(mesh, cloud.points),
+        *empty_places(mesh, cloud.points, Sight.of(scan, first, lines=len(cloud)) if first.source == "sensors" else None),
     ]  # fmt: skip
     bare = unmeasured_share(mesh, backed, 3.0 * h + 3.0 * sigma)
     checks.append(

@@ -103,14 +103,15 @@ def flattened(scan: Scan, first: Reconstruction, seed: int = 0, by_lines: bool =
     return replace(first, mesh=form.mesh, checks=checks, how=facts, residual_m=std)
 
 
-def served(scan: Scan, first: Reconstruction, seed: int = 0) -> Reconstruction:
-    """Flat and round faces where they explain the points and close; else the first surface, with the reason in `how`.
+def served(scan: Scan, first: Reconstruction, seed: int = 0) -> tuple[Reconstruction, tuple[Reconstruction, ...]]:
+    """Flat and round faces where they explain the points and close; else the first surface, with the reason in `how`. And those that were refused.
 
     Cylinders are looked for where planes alone do not serve. Where the first surface is refused and sensors are known, what is hidden has led it
     astray: then sight lines label the cells in its place.
     """
     by_lines = bool(failed(first.checks)) and first.source == "sensors"
     rounds, why = None, ""
+    refused: list[Reconstruction] = []
     for lines in (False, True) if by_lines else (False,):
         for is_round in (False, True):
             if is_round and rounds is None:
@@ -124,9 +125,10 @@ def served(scan: Scan, first: Reconstruction, seed: int = 0) -> Reconstruction:
                 continue
             against = failed(flat.checks)
             if not against:
-                return flat
+                return flat, tuple(refused)
+            refused.append(flat)
             why = "; ".join(check.name for check in against)
-    return replace(first, how={**first.how, "not_planar": why})
+    return replace(first, how={**first.how, "not_planar": why}), tuple(refused)
 
 
 def flat_form(

@@ -44,11 +44,11 @@ class Sight(Value):
     skin_m: float
 
     @classmethod
-    def of(cls, scan: Scan, first: Reconstruction, seed: int = 0) -> Sight:
+    def of(cls, scan: Scan, first: Reconstruction, seed: int = 0, lines: int = LINES) -> Sight:
         """The points of a first surface and the lines of the scan they come from; a wall is at least a spacing where none is known."""
         sensors = scan.sensors()
         known = np.flatnonzero(np.isfinite(sensors).all(axis=1))
-        known = known[sampled_rows(len(known), LINES, seed)]
+        known = known[sampled_rows(len(known), lines, seed)]
         return cls(
             points=first.points,
             normals=first.normals,

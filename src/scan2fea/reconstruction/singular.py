@@ -94,7 +94,9 @@ def boundary(tetra: Tetrahedralisation, inside: BoolArray) -> tuple[TriangleMesh
     """The surface of the inside, outward, and the point each of its vertices is."""
     t, facet = np.nonzero(inside[:, None] & ~(inside[tetra.neighbors] & (tetra.neighbors >= 0)))
     corners = tetra.tets[t[:, None], FACETS[facet]]
-    used, faces = np.unique(corners, return_inverse=True)
+    is_used = np.zeros(len(tetra.points), bool)
+    is_used[corners] = True
+    used, faces = np.flatnonzero(is_used), (np.cumsum(is_used) - 1)[corners]
     return TriangleMesh(vertices=tetra.points[used], faces=faces.reshape(-1, 3).astype(np.int64)), used
 
 

@@ -258,6 +258,34 @@ def test_slabs_that_touch_nothing_are_floor_and_wall():
     assert min(label_of(found, truth, part)[1] for part in range(4)) == 1
 
 
+def on_slab(height, *, n_beside=2, thick=0.07):
+    """A slab of which both faces are there, a crate that stands on it and touches it, and other things above it."""
+    parts = [sampled(placed(shapes.box(3, 2, thick), (0, 0, -thick)), 1), sampled(placed(shapes.box(0.3, 0.4, height), (1.2, 1.1, 0.0)), 2)]
+    top = parts[0][:, 2] > -0.01
+    parts = [np.concatenate([covered(parts[0][top], [parts[1]]), parts[0][~top]]), seen_from_above(parts[1])]
+    beside = (shapes.l_beam(0.15, 0.15, 0.02, 1.2), (0.3, 0.3, 0.2)), (shapes.box(0.2, 0.2, 0.2), (0.5, 1.4, 0.3))
+    return parts + [sampled(placed(*one), 3 + k) for k, one in enumerate(beside[:n_beside])]
+
+
+def test_what_stands_on_a_slab_and_touches_it_is_a_thing_of_its_own():
+    """The slab with the crate was one object, built as a flat."""
+    found, truth = segmented(on_slab(0.5))
+    kind = [found.kinds[label_of(found, truth, part)[0]] for part in range(4)]
+    assert kind == ["support", "object", "object", "object"]
+    assert min(label_of(found, truth, part)[1] for part in range(4)) > 0.98
+    turn = random_rotation(5)
+    again, _ = segmented([points @ turn.T + [3, 1, -2] for points in on_slab(0.5)])
+    assert again.kinds == found.kinds
+
+
+@pytest.mark.parametrize(("height", "n_beside", "thick"), [(1.2, 2, 0.07), (0.5, 1, 0.07), (0.5, 2, 0.12)])
+def test_a_tall_thing_on_a_plate_or_a_plate_alone_or_a_thick_one_is_one_body(height, n_beside, thick):
+    """A column on its base plate; a boss on a flange; a block."""
+    found, truth = segmented(on_slab(height, n_beside=n_beside, thick=thick))
+    assert label_of(found, truth, 0)[0] == label_of(found, truth, 1)[0]
+    assert found.kinds[label_of(found, truth, 0)[0]] == "object"
+
+
 def test_supports_can_be_switched_off():
     scene = things()
     found, _ = segmented([covered(floor(), scene), *scene], SegmentationOptions(supports=False))

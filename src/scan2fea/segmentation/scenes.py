@@ -37,7 +37,7 @@ class Thing(Value):
 def things_of(finder: PlaneFinder, clusters: Sequence[IntArray], supports: Supports, radius_m: float, min_points: int) -> list[Thing]:
     """The clusters (rows of each) with their kinds; what stands on one of them becomes a thing of its own, after all others."""
     points = finder.points
-    things = [Thing(rows=rows, planes=finder.of(rows)) for rows in clusters]
+    things = _off_slabs(finder, [Thing(rows=rows, planes=finder.of(rows)) for rows in clusters], radius_m, min_points)
     slabs = _slabs(points, things, radius_m)
     labelled = []
     stacked: list[Thing] = []
@@ -111,6 +111,31 @@ def _is_wall(points: FloatArray, thing: Thing, supports: Supports, radius_m: flo
 def _is_leftover(points: FloatArray, supports: Supports) -> bool:
     """True for what rises no more than two bands above a support: its warped rim, not a thing."""
     return any(float(np.abs(floor.height(points)).max()) <= _LEFTOVER_BANDS * floor.band_m for floor in supports.planes)
+
+
+def _off_slabs(finder: PlaneFinder, things: list[Thing], radius_m: float, min_points: int) -> list[Thing]:
+    """The same, with what stands on a slab and touches it apart: a floor of which both faces are there is no support to `supports`.
+
+    What is left must be a slab as `_slabs` knows them, before which the other things of the scene stand, too.
+    """
+    points, apart, added = finder.points, list(things), list[Thing]()
+    for i, thing in enumerate(things):
+        others = [other.rows for k, other in enumerate(things) if k != i]
+        if len(others) < _SLAB_THINGS:
+            break
+        before = points[np.concatenate(others)]
+        for plane in thing.planes:
+            up = plane if np.median(plane.height(before)) > 0 else plane.flipped()
+            if up.height(before).min() < -radius_m:
+                continue
+            stacked = [thing.rows[part] for part in _stacked_on(up, points[thing.rows], radius_m, min_points)]
+            left = np.setdiff1d(thing.rows, np.concatenate([*stacked, thing.rows[:0]]), assume_unique=True)
+            beside = np.concatenate([before, *(points[rows] for rows in stacked)])
+            if stacked and _is_thin(points[left], up, radius_m) and _lies_behind(up, points[left], beside, radius_m):
+                apart[i] = Thing(rows=left, planes=finder.of(left))
+                added += [Thing(rows=rows, planes=finder.of(rows)) for rows in stacked]
+                break
+    return apart + added
 
 
 def _slabs(points: FloatArray, things: Sequence[Thing], radius_m: float) -> set[int]:

@@ -5,6 +5,7 @@ from pipes import Pipe, points_of
 import numpy as np
 import pytest
 
+import scan2fea.kernel.pipe_path as pipe_path_module
 from predicates import rotation
 from scan2fea.kernel.bends import bent, pieces_of, straightened
 from scan2fea.kernel.pipe_path import pipe_path
@@ -101,3 +102,9 @@ def test_a_path_that_its_points_do_not_lie_on_is_none():
     coarse = Pipe(d=0.2971, t=0.0231, runs=(2.4265, 0.6404, 2.2763), turns=((1.0231, 5.0851), (QUARTER / 2, 1.9063)), radius=0.7427)
     path = pipe_path(points_of(coarse, 0.0456, seed=210)[0])
     assert path is None or sorted(b.angle_rad for b in path.bends) == pytest.approx([QUARTER / 2, 1.0231], abs=2e-3)
+
+
+def test_corners_far_from_all_points_are_no_path():
+    """Least squares had thrown a corner far off, and the distances of no points were asked for their mode."""
+    points = points_of(Pipe(d=0.1, t=0.004, runs=(0.6, 0.5), turns=((1.0, 2.0),), radius=0.15), 0.01)[0]
+    assert pipe_path_module._fitted(points, np.array([[9.0, 0, 0], [9, 2, 0], [9, 2, 2]]), np.array([0.3]), 0.05, 1e-4, 0) is None

@@ -160,7 +160,10 @@ def _fitted(
         if found is None:
             return None
         off = _off(some, *found)
-        theta[-1] = mode(off[np.abs(off - radius) < WIDE * radius], tolerance)
+        near = off[np.abs(off - radius) < WIDE * radius]
+        if not len(near):
+            return None
+        theta[-1] = mode(near, tolerance)
         own = some[np.abs(off - theta[-1]) < band]
         if len(own) < 3 * len(theta):
             return None

@@ -87,6 +87,21 @@ def test_two_members_are_said_to_be_two_and_a_stub_to_be_short(tmp_path, capsys)
         assert says in capsys.readouterr().out
 
 
+def test_the_objects_of_a_file_that_is_no_member_are_told_one_by_one(tmp_path, capsys):
+    """A brace and a girder that stand apart had been one tube, a quarter as long as it is wide."""
+    one = made("L", 1.2, L, R=rotation(1), shift=(2, 1, 0), sigma=0.001)
+    other = made("RHS", 0.9, R=rotation(2), shift=(2, 3, 0.5), sigma=0.001)
+    path, out = tmp_path / "two.ply", tmp_path / "member.json"
+    write_cloud_ply(path, PointCloud.of(np.concatenate([scanned(one, 5000, 0.001, 3), scanned(other, 5000, 0.001, 4)])), {})
+    assert main(["fit", str(path), "--unit", "m", "-o", str(out)]) == 4
+    told = capsys.readouterr().out
+    assert "`run` finds 2 objects in it" in told and told.count("explains the points") == 2
+    if out.exists():
+        objects = json.loads(out.read_text(encoding="utf-8"))["objects"]
+        assert sorted(o["family"] for o in objects) == ["L", "RHS"] and all(o["explains"] for o in objects)
+        assert abs(next(o for o in objects if o["family"] == "L")["parameters"]["a"]["value_m"] - 0.127) < 1e-3
+
+
 def test_a_sensor_within_the_solid_is_not_believed(tmp_path, capsys):
     path = tmp_path / "beam.ply"
     write_cloud_ply(path, PointCloud.of(scanned(made("rect", 1.0, {"b": 0.1, "t": 0.06}, sigma=0.0005), 3000, 0.0005, 1)), {})

@@ -1,14 +1,20 @@
-"""`scan2fea fit`: the points of one file as one member. Exit 0 where it explains them, 4 where it does not."""
+"""`scan2fea fit`: the points of one file as one member. Exit 0 where it explains them, 4 where it does not.
+
+A file that is no member may hold several: those that `run` would find in it are told too.
+"""
 
 from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from scan2fea.cli.settings import config_of
+from scan2fea.errors import EstimationError
 from scan2fea.estimation.given import SIGNIFICANT, Given
-from scan2fea.pipeline.fit import FittedFile, fit_file, write_member
+from scan2fea.pipeline.fit import FittedFile, FittedObject, fit_file, fit_objects, write_member
+from scan2fea.pipeline.route import Estimate
 from scan2fea.types import Bend, Member, Parameter, SectionChange
 from scan2fea.units import MILLIMETRES_PER_METRE
 
@@ -18,18 +24,45 @@ SURE = 0.9995
 
 
 def execute(given: argparse.Namespace) -> int:
-    fitted = fit_file(Path(given.file), config_of(given))
+    config, path = config_of(given), Path(given.file)
+    try:
+        fitted = fit_file(path, config)
+    except EstimationError as error:
+        objects = fit_objects(path, config)
+        if not objects:
+            raise
+        print(f"{error}")
+        _print_objects(objects)
+        return NOT_EXPLAINED
     _print(fitted, given.file)
+    objects = () if fitted.found.explains else fit_objects(path, config)
+    _print_objects(objects)
     if given.out:
-        write_member(Path(given.out), fitted)
+        write_member(Path(given.out), fitted, objects)
         print(f"\n  written: {given.out}")
     return 0 if fitted.found.explains else NOT_EXPLAINED
 
 
 def _print(fitted: FittedFile, name: str) -> None:
-    raw, member, found = fitted.raw, fitted.member, fitted.found
+    raw, found = fitted.raw, fitted.found
     print(name)
     print(f"  points        {len(raw.scan.cloud):,}, unit {raw.unit} ({raw.unit_source}), sensor position {raw.sensor}")
+    _print_found(found, fitted.member)
+
+
+def _print_objects(objects: Sequence[FittedObject]) -> None:
+    if objects:
+        print(f"\n  as one member it is not explained; `run` finds {len(objects)} object{'s'[: len(objects) > 1]} in it, each by itself:")
+    for one in objects:
+        print(f"\nobject {one.id}")
+        print(f"  points        {one.n_points:,}")
+        if one.found.member is None:
+            print(f"  member        none: {one.found.reason}")
+        else:
+            _print_found(one.found, one.found.member)
+
+
+def _print_found(found: Estimate, member: Member) -> None:
     print(f"  member        {member.family}, {'explains the points' if found.explains else 'does NOT explain the points'}: {found.reason}")
     if found.p_fixed is not None:
         print(f"  given sizes   p-value {found.p_fixed:.3g} {'(the points contradict them)' if found.p_fixed < 0.01 else ''}")

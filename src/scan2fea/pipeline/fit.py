@@ -1,8 +1,9 @@
-"""One file as one member: what `scan2fea fit` prints, and member.json."""
+"""One file as one member: what `scan2fea fit` prints, and member.json; where it is none, the objects that `run` finds in it."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,15 @@ import numpy as np
 from scan2fea.errors import EmptyScanError, EstimationError, require
 from scan2fea.io import RawScan, read_scan, write_text
 from scan2fea.pipeline.assigned import assigned, own_section, resolved
+from scan2fea.pipeline.chosen import chosen_of
 from scan2fea.pipeline.config import Config
 from scan2fea.pipeline.fuse import require_no_fusion
+from scan2fea.pipeline.kinds import kinds_of, names_of
 from scan2fea.pipeline.member_rows import member_row
+from scan2fea.pipeline.objects import parts_of
 from scan2fea.pipeline.results import finite_tree
 from scan2fea.pipeline.route import Estimate, estimate, table_of
-from scan2fea.pipeline.scene import require_extent, shift_of, shifted
+from scan2fea.pipeline.scene import clean, place_all, require_extent, segment, shift_of, shifted
 from scan2fea.types import FloatArray, Member, Value
 
 MEMBER_SCHEMA = "scan2fea member 1"
@@ -34,6 +38,15 @@ class FittedFile(Value):
     found: Estimate
     member: Member
     shift_m: FloatArray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FittedObject(Value):
+    """id : its number in `run`'s report.   n_points : of it.   found : what estimation says of them."""
+
+    id: int
+    n_points: int
+    found: Estimate
 
 
 def fit_file(path: Path, config: Config) -> FittedFile:
@@ -54,8 +67,26 @@ def fit_file(path: Path, config: Config) -> FittedFile:
     return FittedFile(raw=raw, found=found, member=found.member, shift_m=shift)
 
 
-def member_tree(fitted: FittedFile) -> dict[str, Any]:
-    """member.json as plain values: the row of report.json, and what it was fitted to."""
+def fit_objects(path: Path, config: Config) -> tuple[FittedObject, ...]:
+    """The objects that `run` finds in a file, each fitted as a member; none where all of the file is one object, or comes with faces."""
+    raw = read_scan(path, config.input)
+    if raw.mesh is not None:
+        return ()
+    scene = clean(place_all((raw,), config.registration, names=[path.name]), config.filtering)
+    segments = segment(scene, config.segmentation, config.repair.small_part)
+    if len(segments.kinds) < 2:
+        return ()
+    chosen = chosen_of(scene, segments, config.select, names_of(segments, kinds_of(scene, segments, config.segmentation)))
+    found = []
+    for part in parts_of(scene, segments, chosen, config):
+        known = own_section(config.object, part.id)
+        own = estimate(part.scan, config.estimation, config.route, known, part.doubt, part.footings, part.strips, part.covers)
+        found.append(FittedObject(id=part.id, n_points=len(part.scan.cloud), found=own))
+    return tuple(found)
+
+
+def member_tree(fitted: FittedFile, objects: Sequence[FittedObject] = ()) -> dict[str, Any]:
+    """member.json as plain values: the row of report.json, and what it was fitted to; of a file of several objects those as well."""
     head = {
         "schema": MEMBER_SCHEMA,
         "sha256": fitted.raw.sha256,
@@ -67,9 +98,17 @@ def member_tree(fitted: FittedFile) -> dict[str, Any]:
         "explains": fitted.found.explains,
         "reason": fitted.found.reason,
     }
-    return dict(finite_tree({**head, **member_row(fitted.member, fitted.found.p_fixed, fitted.found.given)}))
+    tree = {**head, **member_row(fitted.member, fitted.found.p_fixed, fitted.found.given)}
+    tree |= {"objects": [_object_row(one) for one in objects]} if objects else {}
+    return dict(finite_tree(tree))
 
 
-def write_member(path: Path, fitted: FittedFile) -> None:
+def _object_row(one: FittedObject) -> dict[str, Any]:
+    found = one.found
+    row = {} if found.member is None else member_row(found.member, found.p_fixed, found.given)
+    return {"id": one.id, "n_points": one.n_points, "explains": found.explains, "reason": found.reason, **row}
+
+
+def write_member(path: Path, fitted: FittedFile, objects: Sequence[FittedObject] = ()) -> None:
     """Write member.json."""
-    write_text(path, json.dumps(member_tree(fitted), indent=1, allow_nan=False) + "\n")
+    write_text(path, json.dumps(member_tree(fitted, objects), indent=1, allow_nan=False) + "\n")

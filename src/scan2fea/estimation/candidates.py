@@ -12,13 +12,14 @@ from scan2fea.estimation.anneal import annealed, climbed, on_the_ridge, ridge_re
 from scan2fea.estimation.face_weights import free_faces, seen_weights, set_price, snapped
 from scan2fea.estimation.initial import Start, starts
 from scan2fea.estimation.likelihood import Layout, SectionModel, StatedNoise, bounds, model_of, sigma_floor
+from scan2fea.estimation.on_lines import sections_on_lines
 from scan2fea.estimation.other_face import other_faces
-from scan2fea.estimation.plausible import implausible_price
+from scan2fea.estimation.plausible import WEB_MEDIAN, implausible_price, slenderness_price, usual_wall
 from scan2fea.estimation.scoring import Scored
 from scan2fea.estimation.visible import likeliest_set, visible_sets
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.section_likelihood import faces
-from scan2fea.kernel.sections import PARAMETERS, corner_factors
+from scan2fea.kernel.sections import PARAMETERS, ROUND, corner_factors
 from scan2fea.types import FloatArray, Value
 
 _FIRST_POINTS, _POINTS = 600, 3000
@@ -27,11 +28,10 @@ _AT_LEAST = 3  # families that are looked at closely
 _STARTS = 2  # of each
 _DITHER = 1.5  # of the floor of sigma
 _HIDDEN = 10.0  # BIC units that hidden faces must gain before every family is asked what it would hide
-_WALL_MEDIAN, _WALL_SPREAD = 0.045, 0.7  # of t / largest side in sections.csv, and of its log over all families of thin walls
-_WEB_MEDIAN, _WEB_SPREAD = 0.65, 0.5  # of tw / tf there, and of its log
 _RESOLVED = 4.0  # sigma: a box has the kurtosis of two Gaussian sheets 3.7 of their sigma apart; further apart are two sheets under any law of noise
 _FLATTEST_TUBE = 4.0  # h / b: nine in ten rectangular tubes of sections.csv are at most 3; flatter is rather a plate
 _STILL_IN = 100.0  # BIC units behind the best at which a hypothesis is dropped: no law of noise or trimming of the ends brought one back from there
+_STRAYS = 0.01  # of the points, off the best section: more than few strays, and the section may be another one
 _WALLS = 4  # of a tube: each may be turned once
 _VERY_STRONG = 10.0  # BIC units (Kass and Raftery 1995)
 _LAW_PRICE = _VERY_STRONG  # that a law other than Gauss's must gain
@@ -114,7 +114,28 @@ def search(scene: Scene, families: Sequence[str], *, may_hide: bool = True, seed
         if min(c.bic for c in found) < plain.bic - _HIDDEN or _unresolved(plain):
             for candidate in _half_seen(scene, begun, {c.family for c in explored}):
                 found += hidden_faces(scene, candidate)
+        found += _on_lines(scene, min(found, key=lambda c: c.bic), families)
     return sorted(found, key=lambda c: c.bic)
+
+
+def _on_lines(scene: Scene, best: Candidate, families: Sequence[str]) -> list[Candidate]:
+    """Sections on the lines of the points, where the best so far leaves many off: a wall may have closed up on the way to it."""
+    if best.family in ROUND or best.layout.outlier_share(best.theta) < _STRAYS:
+        return []
+    roll, sigma = best.layout.get(best.theta, "roll"), best.layout.sigma(best.theta)
+    found: list[Candidate] = []
+    for family in families:
+        layout = Layout(family=family)
+        tried = []
+        for values, turn, place in sections_on_lines(scene.points[:, :2], family, roll, sigma):
+            theta = np.array([*values, turn, *place, math.log(sigma), math.log(_STRAYS)])
+            weight = np.maximum(snapped(seen_weights(scene.model(layout, "gaussian", None, few=True), theta)), 1e-3)
+            tried.append((float(scene.model(layout, "gaussian", weight, few=True).levels(theta[None])[0]), theta))
+        if tried:
+            theta = max(tried, key=lambda one: one[0])[1]
+            start = replace(best, layout=layout, theta=theta, noise="gaussian", face_weight=None, bic=math.inf)
+            found += _hidden_from(scene, start)
+    return found
 
 
 def _unresolved(candidate: Candidate, sigmas: float = 0.5) -> bool:
@@ -211,11 +232,6 @@ def _tube_of(scene: Scene, bar: Candidate) -> Candidate | None:
     return candidate_of(scene, model, done, 2 * math.log(2))
 
 
-def usual_wall(outer: FloatArray) -> float:
-    """Of a tube of those outer dimensions, m: where no point tells of it."""
-    return min(_WALL_MEDIAN * float(outer.max()), 0.25 * float(outer.min()))
-
-
 def _outer_only(family: str, weight: FloatArray) -> bool:
     """Whether these are the weights of a tube of which no inner face was seen."""
     inner = [w for name, w in zip(faces(family), weight, strict=True) if name.endswith("INNER")]
@@ -239,21 +255,6 @@ def candidate_of(scene: Scene, model: SectionModel, done: Scored, price: float =
         bic=bic,
         price=price,
     )
-
-
-def slenderness_price(layout: Layout, theta: FloatArray, names: Sequence[str]) -> float:
-    """What implausible walls cost, in BIC units: log(t / largest side) of 2,600 rolled and hollow sections is 0.045 within a factor of two, and a web
-    is 0.65 of its flange (990 rolled I, C and T: within a fifth; welded ones are let vary by half). Half an I is a C with a web of half its flange.
-
-    names : the walls that the points tell of. One within the noise is judged at half a sigma: the data do not say that it is thinner.
-    """
-    if not names:
-        return 0.0
-    wall = {name: max(layout.get(theta, name), 0.5 * layout.sigma(theta)) for name in names}
-    price = (math.log(min(wall.values()) / float(layout.values(theta).max()) / _WALL_MEDIAN) / _WALL_SPREAD) ** 2
-    if "tw" in wall and "tf" in wall:
-        price += (math.log(wall["tw"] / wall["tf"] / _WEB_MEDIAN) / _WEB_SPREAD) ** 2
-    return price
 
 
 def hidden_faces(scene: Scene, candidate: Candidate) -> list[Candidate]:
@@ -280,7 +281,7 @@ def _opened(layout: Layout, theta: FloatArray) -> list[FloatArray]:
     """Where the web between two halves has closed up one of its faces may not have been seen: a usual web on either side of the other one."""
     if layout.family not in ("I", "T") or layout.get(theta, "tw") > 0.5 * layout.sigma(theta):
         return []
-    web, roll = _WEB_MEDIAN * layout.get(theta, "tf"), layout.get(theta, "roll")
+    web, roll = WEB_MEDIAN * layout.get(theta, "tf"), layout.get(theta, "roll")
     found = []
     for side in (-0.5, 0.5):
         other = with_walls(layout, theta, {"tw": web})

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from scan2fea.estimation.candidates import usual_wall
 from scan2fea.estimation.canonical import turned_weight
 from scan2fea.estimation.fit import SectionFit
+from scan2fea.estimation.plausible import usual_wall
 from scan2fea.kernel.pinned import SEEN
 from scan2fea.kernel.section_likelihood import faces
 

@@ -35,6 +35,7 @@ from scan2fea.estimation.changing import changing, is_better
 from scan2fea.estimation.continued import continued
 from scan2fea.estimation.end_faces import cut_askew
 from scan2fea.estimation.ends import Ends, rough_ends
+from scan2fea.estimation.ends_show_more import ends_show_more
 from scan2fea.estimation.explain import MIN_SLENDER, Explanation, explanation
 from scan2fea.estimation.fit import MIN_POINTS, SectionFit
 from scan2fea.estimation.from_outside import TUBE_OF, seen_from_outside, tube_of
@@ -146,8 +147,9 @@ def fit_member(
         if by_rays and fixed:
             p_fixed, given = compared_by_rays(scan, member, fixed, options.seed)
             found = dataclasses.replace(found, p_fixed=p_fixed, given=given)
-    member = found.member
-    return dataclasses.replace(found, member=dataclasses.replace(member, inside=inside_of(points, member), told_toes=told_toes(points, member)))
+    member = dataclasses.replace(found.member, inside=inside_of(points, found.member), told_toes=told_toes(points, found.member))
+    more = ends_show_more(points, member) if found.explains else ""
+    return dataclasses.replace(found, member=member, explains=found.explains and not more, reason=more or found.reason)
 
 
 def _tube_for(points: FloatArray, found: MemberFit, options: MemberOptions, families: tuple[str, ...], covers: Covers) -> MemberFit:

@@ -80,7 +80,7 @@ def test_an_end_with_a_hidden_stretch_and_few_points_is_still_an_end():
         assert np.isfinite([found.length_m, found.std_m, found.low.std_m]).all() and 2.6 < found.length_m < 3.1
 
 
-@pytest.mark.parametrize("along, caps", [(0.1, False), (0.1, True), (1.0, False), (2.0, False)])
+@pytest.mark.parametrize("along, caps", [(0.1, False), (0.1, True), (1.0, False), (1.7, True), (2.0, False)])
 def test_ends_that_are_sharper_or_wider_than_the_noise_across_are_told_so(along, caps):
     """A scanner's noise acts along its rays: sharp ends had been found 10 of their standard deviations within the member."""
     sigma, off = 0.01, []

@@ -7,7 +7,6 @@ scan that saw one end face has mostly seen the other, so that what is unknown of
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,16 +29,21 @@ def cap_ratios(unit: float) -> list[float]:
     return [0.0, unit] + [unit * 2.0**k for k in CAP_STEPS]
 
 
-def together(low: Sequence[float], high: Sequence[float], *, vague: bool = False) -> FloatArray:
-    """(k, k) posterior of the hypotheses of the low end (rows) and of the high end, from the log evidence of each.
+def together(low: FloatArray, high: FloatArray, noises: FloatArray, *, vague: bool = False) -> FloatArray:
+    """(k, c, k, c) posterior of noise and cap of the low end and of the high end, from the log evidence (k, c) of each.
 
+    noises : (k,) prior of each noise along the axis, which is mostly one for both ends.
     vague : the area of a cap is a guess: that of a tube whose wall was not seen.
     """
-    one = _VAGUE if vague else _PRIOR
-    prior = _SAME * np.diag(one) + (1 - _SAME) * np.outer(one, one)
-    level = np.asarray(low)[:, None] + np.asarray(high)[None, :] + np.log(prior)
+    prior = np.log(_alike(noises / noises.sum()))[:, None, :, None] + np.log(_alike(_VAGUE if vague else _PRIOR))[None, :, None, :]
+    level = np.multiply.outer(low, np.ones(high.shape)) + high + prior
     share = np.exp(level - level.max())
     return np.asarray(share / share.sum())
+
+
+def _alike(one: FloatArray) -> FloatArray:
+    """(n, n) prior of what the two ends are, from that of one."""
+    return np.asarray(_SAME * np.diag(one) + (1 - _SAME) * np.outer(one, one))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

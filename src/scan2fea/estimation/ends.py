@@ -31,7 +31,7 @@ _WINDOW_POINTS = 100  # at least so many points of the member lie in half a wind
 _BODY_POINTS = 4_000  # from between the ends, asked how many of them lie as a cap's would
 _CLOSE = 5.0  # noise widths from an edge within which a cap's points lie
 _OTHER_NOISE = (2.0, 0.5, 0.25, 0.125)  # along the axis, of that across it
-_TOLD = 2.0  # log units by which that across it is likelier beforehand
+_TOLD = math.log(len(_OTHER_NOISE))  # log units by which that across it is likelier beforehand: as likely as the others together
 _FOLLOWED = 5.0  # log units within which another stays open
 _BESIDE_POINTS = 50  # next to these, asked likewise how many of them lie as a cap's would
 _PATCH_POINTS = 15
@@ -145,29 +145,39 @@ def _runs(flag: BoolArray) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Side:
-    """One end while its cap is open: fits : under each hypothesis of `cap_law`, in its order."""
+    """One end while its cap and its noise are open: fits : noise along the axis, over that across -> under each hypothesis of `cap_law`."""
 
-    fits: tuple[EdgeFit, ...]
+    fits: dict[float, tuple[EdgeFit, ...]]
     slope: FloatArray
     slope_std: FloatArray
     pivot: FloatArray
     excess: float
 
-    def evidence(self) -> list[float]:
-        """Of each hypothesis; counts that scatter more than Poisson's say as much less (Wedderburn 1974)."""
-        return [fit.log_likelihood / self.excess for fit in self.fits]
+    def told(self, noises: Sequence[float]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Evidence, edges and variances (k, c) of each noise under each cap; a noise that was not followed has no evidence.
 
-    def end(self, weight: FloatArray, sign: float) -> End:
-        """The mixture of the hypotheses. sign : -1 for an end that was looked at in a mirror."""
-        edge, var = self.moments(weight)
-        cap = self.fits[int(np.argmax(weight))].cap
-        position, slope, std = sign * edge, sign * self.slope, math.sqrt(var)
-        return End(position_m=position, std_m=std, slope=slope, slope_std=self.slope_std, pivot=self.pivot, cap_points=cap, excess=self.excess)
+        Counts that scatter more than Poisson's say as much less (Wedderburn 1974).
+        """
+        some = next(iter(self.fits.values()))
+        lost = tuple(replace(fit, log_likelihood=-math.inf) for fit in some)
+        rows = [[(fit.log_likelihood / self.excess, fit.edge, self.excess * fit.std**2) for fit in self.fits.get(k, lost)] for k in noises]
+        evidence, edges, var = np.moveaxis(np.array(rows), 2, 0)
+        return evidence, edges, var
 
-    def moments(self, weight: FloatArray) -> tuple[float, float]:
-        edges, spread = np.array([fit.edge for fit in self.fits]), np.array([fit.std for fit in self.fits])
-        edge = float(weight @ edges)
-        return edge, float(weight @ (self.excess * spread**2 + (edges - edge) ** 2))
+    def end(self, weight: FloatArray, noises: Sequence[float], sign: float) -> End:
+        """The mixture of the hypotheses. weight : (k, c).   sign : -1 for an end that was looked at in a mirror."""
+        _, edges, var = self.told(noises)
+        edge = float((weight * edges).sum())
+        k, cap = np.unravel_index(int(np.argmax(weight)), weight.shape)
+        return End(
+            position_m=sign * edge,
+            std_m=math.sqrt(float((weight * (var + (edges - edge) ** 2)).sum())),
+            slope=sign * self.slope,
+            slope_std=self.slope_std,
+            pivot=self.pivot,
+            cap_points=self.fits[noises[int(k)]][int(cap)].cap,
+            excess=self.excess,
+        )
 
 
 def find_ends(
@@ -181,13 +191,14 @@ def find_ends(
     low = _side(points, rough, sigma_m, cap_ratio_m, look)
     mirrored = points * np.array([1.0, 1.0, -1.0])
     high = _side(mirrored, (-rough[1], -rough[0]), sigma_m, cap_ratio_m, look)
-    share = together(low.evidence(), high.evidence(), vague=vague)
-    # the length under each pair of hypotheses: what the caps leave open at both ends adds up
-    lengths = -np.add.outer([fit.edge for fit in low.fits], [fit.edge for fit in high.fits])
+    noises = sorted({*low.fits, *high.fits})
+    (of_low, low_edge, low_var), (of_high, high_edge, high_var) = low.told(noises), high.told(noises)
+    share = together(of_low, of_high, np.array([_noise_prior(k) for k in noises]), vague=vague)
+    # the length under each pair of hypotheses: what caps and noise leave open at both ends adds up
+    lengths = -np.add.outer(low_edge, high_edge)
     mean = float((share * lengths).sum())
-    spread = np.add.outer([low.excess * fit.std**2 for fit in low.fits], [high.excess * fit.std**2 for fit in high.fits])
-    var = float((share * (spread + (lengths - mean) ** 2)).sum())
-    ends = low.end(share.sum(axis=1), 1.0), high.end(share.sum(axis=0), -1.0)
+    var = float((share * (np.add.outer(low_var, high_var) + (lengths - mean) ** 2)).sum())
+    ends = low.end(share.sum(axis=(2, 3)), noises, 1.0), high.end(share.sum(axis=(0, 1)), noises, -1.0)
     at_axis = [end.position_m - float(end.slope @ end.pivot) for end in ends]
     var += sum(float(((end.slope_std * end.pivot) ** 2).sum()) for end in ends)
     return Ends(low=ends[0], high=ends[1], length_m=at_axis[1] - at_axis[0], std_m=math.sqrt(var))
@@ -208,7 +219,7 @@ def _side(points: FloatArray, rough: tuple[float, float], sigma_m: float, cap_ra
     pivot = xy.mean(axis=0) if len(z) else none
     caps = cap_ratios(cap_ratio_m if cap_ratio_m > 0 else s)
     if len(z) < FEW:
-        return _Side(fits=(unknown(rough[0], 0.05 * span, 1.0, rough),) * len(caps), slope=none, slope_std=none, pivot=pivot, excess=excess)
+        return _Side(fits={1.0: (unknown(rough[0], 0.05 * span, 1.0, rough),) * len(caps)}, slope=none, slope_std=none, pivot=pivot, excess=excess)
     reach = max(_WINDOW * s, _WINDOW_POINTS / density)
     fits = edge_fits(z, s, reach, rough[0], caps[:2], kept)
     by_noise = _by_noise(z, s, fits, caps[:2])
@@ -221,7 +232,7 @@ def _side(points: FloatArray, rough: tuple[float, float], sigma_m: float, cap_ra
     by_noise = _by_noise(level, s, fits, caps, tuple(by_noise)) or {1.0: fits[:1] * len(caps)}
     if look is not None:
         by_noise = _looked_across(by_noise, xy, level, s, points[inside, :2], density, look)
-    return _Side(fits=_mixed(by_noise, excess), slope=slope, slope_std=slope_std, pivot=pivot, excess=excess)
+    return _Side(fits=by_noise, slope=slope, slope_std=slope_std, pivot=pivot, excess=excess)
 
 
 def _tilted_by(
@@ -242,7 +253,7 @@ def _tilted_by(
 def _by_noise(
     z: FloatArray, s: float, fits: Sequence[EdgeFit], caps: list[float], tried: tuple[float, ...] = (1.0, *_OTHER_NOISE)
 ) -> dict[float, tuple[EdgeFit, ...]]:
-    """Noise along the axis, over s, that across it -> the edge under each cap, all from the points in one window, with the prior of the noise.
+    """Noise along the axis, over s, that across it -> the edge under each cap, all from the points in one window.
 
     A scanner's noise acts along its rays, which mostly cross a member: its ends are then sharper than its faces. A sharp edge that is taken for
     blurred by s comes out a third of s within itself (-log Phi(e / s) = 1).
@@ -253,44 +264,30 @@ def _by_noise(
         return {}
     found = {}
     for k in tried:
-        prior = math.log(k) + _TOLD * (k == 1)  # evidence is told per noise width
-        under = posterior(own, window, k * s, caps)
-        found[k] = tuple(replace(fit, log_likelihood=fit.log_likelihood + prior) for fit in under)
+        under = posterior(own, window, k * s, caps)  # its evidence is told per noise width
+        found[k] = tuple(replace(fit, log_likelihood=fit.log_likelihood + math.log(k)) for fit in under)
     return found
 
 
-def _evidence(fits: Sequence[EdgeFit]) -> float:
-    return max(fit.log_likelihood for fit in fits)
+def _noise_prior(k: float) -> float:
+    """Of the noise along the axis, k times that across it: not normalised."""
+    return math.exp(_TOLD) if k == 1 else 1.0
+
+
+def _level(k: float, fits: tuple[EdgeFit, ...]) -> float:
+    return max(fit.log_likelihood for fit in fits) + math.log(_noise_prior(k))
 
 
 def _likeliest(by_noise: dict[float, tuple[EdgeFit, ...]]) -> float:
-    return max(by_noise, key=lambda k: _evidence(by_noise[k]), default=1.0)
+    return max(by_noise, key=lambda k: _level(k, by_noise[k]), default=1.0)
 
 
 def _followed(by_noise: dict[float, tuple[EdgeFit, ...]]) -> dict[float, tuple[EdgeFit, ...]]:
     """Those that the points leave open, and that across the axis: a cap in noise that is not normal has sharp borders of its own, and where its
     points lie across says more.
     """
-    least = max(map(_evidence, by_noise.values()), default=0.0) - _FOLLOWED
-    return {k: fits for k, fits in by_noise.items() if k == 1 or _evidence(fits) > least}
-
-
-def _mixed(by_noise: dict[float, tuple[EdgeFit, ...]], excess: float) -> tuple[EdgeFit, ...]:
-    """The edge under each cap whatever the noise: evidence adds up, and what the noise leaves open widens it."""
-    mixed = []
-    for fits in zip(*by_noise.values(), strict=True):
-        level = np.array([fit.log_likelihood for fit in fits]) / excess
-        best = fits[int(np.argmax(level))]
-        if not np.isfinite(best.log_likelihood):
-            mixed.append(best)
-            continue
-        share = np.exp(level - level.max())
-        edges, spread = np.array([fit.edge for fit in fits]), np.array([fit.std for fit in fits])
-        edge = float(share @ edges / share.sum())
-        var = float(share @ (excess * spread**2 + (edges - edge) ** 2) / share.sum())
-        total = float(level.max() + np.log(share.sum())) * excess
-        mixed.append(replace(best, edge=edge, std=math.sqrt(var / excess), log_likelihood=total))
-    return tuple(mixed)
+    least = max((_level(k, fits) for k, fits in by_noise.items()), default=0.0) - _FOLLOWED
+    return {k: fits for k, fits in by_noise.items() if k == 1 or _level(k, fits) > least}
 
 
 def _looked_across(

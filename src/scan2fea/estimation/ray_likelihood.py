@@ -19,8 +19,8 @@ from scan2fea.errors import EstimationError
 from scan2fea.estimation.ray_data import FULL_OPENING, RayData, outline_box, prepared
 from scan2fea.estimation.ray_model import WALLS, RayLayout
 from scan2fea.estimation.ray_pose import canonical_member
-from scan2fea.estimation.ray_starts import best_start, fitted, of_member, settled, thinnest
-from scan2fea.estimation.ray_trust import BY_CHANCE, GAIN, TOLD, checked, dimensions_of, doubted, without_spread_law
+from scan2fea.estimation.ray_starts import best_starts, contenders, fitted, of_member, thinnest
+from scan2fea.estimation.ray_trust import BY_CHANCE, GAIN, TOLD, Trust, checked, dimensions_of, doubted, rivals_of, without_spread_law
 from scan2fea.estimation.rays_of_member import inside_outline
 from scan2fea.estimation.scoring import Scored
 from scan2fea.kernel.noise import sampled_rows
@@ -29,10 +29,10 @@ from scan2fea.kernel.transforms import applied, compose, inverse, rigid, rotatio
 from scan2fea.options import option
 from scan2fea.types import FloatArray, Member, Scan, Value
 
-N_ROUNDS = 2  # the second judges which rays pass near by the fitted outline, not by the box of the points
 EDGE_DOUBT = 0.5  # of how far edges were moved (simulated beams that report any light: legs 1.5 to 3 mm wrong where edges moved by 3)
 N_RESTARTS = 3
 N_FIRST = 5000  # rays of the first round and of the check
+WORTH = 0.1  # standard deviations: means nearer to the top are left there
 BOX_MARGIN = 3.0  # standard deviations of the noise
 
 
@@ -82,21 +82,22 @@ def fit_rays(scan: Scan, start: Member, options: RayOptions = RayOptions(), fixe
     layout = RayLayout(start.family, options.degree)
     held = {k: v for k, v in (fixed or {}).items() if k in layout.dimensions}
     data = prepared(scan, start, options.degree, options.footprint_rad)
-    theta = best_start(data.take(sampled_rows(len(data), options.n_start, options.seed)), layout, start, held)
-    n_iterations = 0
-    member = start
-    for round_ in range(N_ROUNDS):
-        last = round_ + 1 == N_ROUNDS
-        part = data.take(sampled_rows(len(data), _draw(len(data), options) if last else min(options.n_fit, N_FIRST), options.seed))
-        scored = fitted(part, layout, theta, held, tolerance=0.01) if last else settled(part, layout, theta, held)
-        n_iterations += scored.n_iterations
-        member = _member(layout, scored, member, data, part, held)
-        _check_sensors(scan, member)
-        if not last:
-            member = member if held else canonical_member(member)
-            box = outline_box(member, BOX_MARGIN * member.sigma_m)
-            data = prepared(scan, member, options.degree, options.footprint_rad, box, data.rows)
-            theta = of_member(data, layout, member, scored.theta)
+    starts = best_starts(data.take(sampled_rows(len(data), options.n_start, options.seed)), layout, start, held)
+    part = data.take(sampled_rows(len(data), min(options.n_fit, N_FIRST), options.seed))
+    found = contenders(part, layout, starts, held)
+    members = [_member(layout, one, start, data, part, held) for one in found]
+    members = members if held else [canonical_member(one) for one in members]
+    rivals = rivals_of(members, [one.log_posterior for one in found], len(data) / len(part))
+    member, n_iterations = members[0], found[0].n_iterations
+    _check_sensors(scan, member)
+    # the second round judges which rays pass near by the fitted outline, not by the box of the points
+    box = outline_box(member, BOX_MARGIN * member.sigma_m)
+    data = prepared(scan, member, options.degree, options.footprint_rad, box, data.rows)
+    part = data.take(sampled_rows(len(data), _draw(len(data), options), options.seed))
+    scored = fitted(part, layout, of_member(data, layout, member, found[0].theta), held, tolerance=0.01)
+    n_iterations += scored.n_iterations
+    member = _member(layout, scored, member, data, part, held)
+    _check_sensors(scan, member)
     free_edge = _sees_farther_out(part, layout, scored, held, options)
     if free_edge:
         scored = fitted(part, layout, scored.theta, held, free_edge=True)
@@ -117,17 +118,33 @@ def fit_rays(scan: Scan, start: Member, options: RayOptions = RayOptions(), fixe
         final = _member(layout, scored, member, data, part, held)
         if data.hits_only:
             final = without_spread_law(final, start, few, layout, scored, held, len(part))
-        trusted, best = checked(final, few, layout, scored, held, len(part), free_edge)
-        if best is None or data.hits_only:
+        trust = checked(final, few, part, layout, scored, held, free_edge, rivals)
+        if trust.better is None or data.hits_only:
             break
-        better = fitted(part, layout, best.theta, held, free_edge=free_edge)
+        better = fitted(part, layout, trust.better.theta, held, free_edge=free_edge)
         if better.log_posterior < scored.log_posterior + GAIN:
             break
         scored = better  # a walk away from the top led to a higher one
         n_iterations += better.n_iterations
+    trusted = trust.member if data.hits_only else _at_means(trust, part, layout, scored, held, data, free_edge)
     if free_edge:
         trusted = doubted(trusted, EDGE_DOUBT * part.edge_unit_m * abs(float(scored.theta[layout.place["edge"]])))
     return _result(layout, scored, trusted, data, n_iterations)
+
+
+def _at_means(trust: Trust, part: RayData, layout: RayLayout, scored: Scored, held: Mapping[str, float], data: RayData, free_edge: bool) -> Member:
+    """The trusted member with every told dimension at the mean of its profile, and all else fitted again."""
+    member, theta = trust.member, scored.theta.copy()
+    if not any(abs(trust.shifts.get(one.name, 0.0)) > WORTH * (one.std_m or math.inf) for one in member.parameters):
+        return member
+    for name, shift in trust.shifts.items():
+        theta[layout.place[name]] += shift
+    means = {name: float(theta[layout.place[name]]) for name in trust.shifts}
+    again = fitted(part, layout, theta, {**held, **means}, free_edge=free_edge, max_iterations=12)
+    moved = _member(layout, again, member, data, part, held)
+    values = moved.values()
+    parameters = tuple(dataclasses.replace(one, value_m=values[one.name]) for one in member.parameters)
+    return dataclasses.replace(moved, parameters=parameters, covariance=member.covariance)
 
 
 def _sees_farther_out(data: RayData, layout: RayLayout, scored: Scored, held: Mapping[str, float], options: RayOptions) -> bool:

@@ -18,6 +18,8 @@ N_ROLLS = 8
 ANNEALED = (0.12, 0.06, 0.03, 0.015)  # width of beam and noise, in sizes of the section
 AGAIN = (0.05, 0.02, 0.008)  # the same for the second annealing
 WALL_STARTS = (0.03, 0.1, 0.3)  # of the section's size
+SAME_SECTION = 0.01  # of its size: nearer than this are two climbs of one hill
+OUTRUN = 20.0  # log likelihood, of the few rays that judge the starts: what is so far behind does not come back
 ALIKE = 2.0  # log likelihoods nearer than this are no reason to prefer one fit (a factor of 7)
 
 
@@ -53,6 +55,24 @@ def fitted(
     )
 
 
+def contenders(data: RayData, layout: RayLayout, thetas: list[FloatArray], held: Mapping[str, float]) -> list[Scored]:
+    """The fits from several starts, the likeliest first, or, of those that the rays cannot tell apart, the one with the thinnest walls."""
+    found: list[Scored] = []
+    for theta in thetas:
+        one = settled(data, layout, theta, held)
+        if all(not _same(layout, one, other) for other in found):
+            found.append(one)
+    walls = [layout.place[n] for n in layout.dimensions if n in WALLS]
+    top = max(one.log_posterior for one in found)
+    return sorted(found, key=lambda one: (one.log_posterior < top - ALIKE, float(one.theta[walls].sum()), -one.log_posterior))
+
+
+def _same(layout: RayLayout, one: Scored, other: Scored) -> bool:
+    """Whether two climbs came to the same section, however it is written."""
+    a, b = (np.sort(fit.theta[: layout.n_values]) for fit in (one, other))
+    return bool(np.abs(a - b).max() < SAME_SECTION * b.max() and abs(one.log_posterior - other.log_posterior) < ALIKE)
+
+
 def settled(data: RayData, layout: RayLayout, theta: FloatArray, held: Mapping[str, float]) -> Scored:
     """The better of the fit from theta and of that from theta annealed once more: sharp edges may lock a section before its planes are right."""
     direct = fitted(data, layout, theta, held, tolerance=0.2)
@@ -63,8 +83,8 @@ def settled(data: RayData, layout: RayLayout, theta: FloatArray, held: Mapping[s
     return max((direct, again), key=lambda one: one.log_posterior)
 
 
-def best_start(data: RayData, layout: RayLayout, start: Member, held: Mapping[str, float]) -> FloatArray:
-    """Every start annealed; half of them are dropped at each width."""
+def best_starts(data: RayData, layout: RayLayout, start: Member, held: Mapping[str, float]) -> list[FloatArray]:
+    """Every start annealed; half of them are dropped at each width. The likeliest first, with walls as thin as the rays allow."""
     thetas = [*_boxed(data, layout, start), of_member(data, layout, start)]
     still: tuple[str, ...] = (*NUISANCE, "start", "end")
     for step, width in enumerate(ANNEALED):
@@ -74,8 +94,9 @@ def best_start(data: RayData, layout: RayLayout, start: Member, held: Mapping[st
         if step:
             still = NUISANCE
     final = [fitted(data, layout, t, held, max_iterations=15, tolerance=1e-2) for t in thetas]
-    best = max(final, key=lambda one: one.log_posterior)
-    return thinnest(data, layout, best, held).theta
+    final.sort(key=lambda one: -one.log_posterior)
+    rest = [one.theta for one in final[1:] if one.log_posterior > final[0].log_posterior - OUTRUN]
+    return [thinnest(data, layout, final[0], held).theta, *rest]
 
 
 def thinnest(data: RayData, layout: RayLayout, best: Scored, held: Mapping[str, float], *, free_edge: bool = False) -> Scored:

@@ -218,7 +218,13 @@ def _faces_of_ray(
         g = (s[k] - s[j]) / span
         r0 = s[j] - g * u[j]
         near = min(max(0.0, ua), ub)  # the offset nearest to the middle of the beam: there the face is judged to lie between the ends
-        _end_share(z + (r0 + g * near) * dz, ends, shift / m, w / m, end)
+        # along the axis a beam is as wide as it is and as the depth of the face in it makes it, of which there is no more than the face's
+        span_u = ub - ua if low >= 0 and high >= 0 else math.inf
+        square, tilt = (w / m) ** 2, 1.0 / (1.0 / (w * w) + 12.0 / (span_u * span_u))
+        deep = (g * dz) ** 2 * tilt
+        along_m = math.sqrt(square + deep)
+        _end_share(z + (r0 + g * near) * dz, ends, shift / m, along_m, end)
+        on_width = end[4] / (square + deep)
         if math.isnan(range_m):
             _share(ua, ub, w, face)
         else:
@@ -226,16 +232,17 @@ def _faces_of_ray(
         both = end[2] - end[1]
         sums[TOTAL] += end[0] * face[0]
         sums[D_SIGMA] += end[0] * face[5]
-        sums[D_FOOT] += end[0] * face[6] + end[4] * face[0]
+        sums[D_FOOT] += end[0] * face[6] + on_width * (square + deep * tilt / (w * w)) * face[0]
         sums[D_START] += end[1] * face[0]
         sums[D_END] += end[2] * face[0]
-        sums[D_LENGTH] -= (end[4] + both * shift / m) * face[0] / m
+        sums[D_LENGTH] -= (on_width * square + both * shift / m) * face[0] / m
         sums[D_SHIFT] += end[0] * (out_low * face[3] + out_high * face[4]) + both / m * face[0]
         along = end[3] * face[0] * dz
         on_r0 = end[0] * face[1] + along
-        on_g = end[0] * face[2] + along * near
-        at_low = along * g if near == ua else 0.0
-        at_high = along * g if near == ub else 0.0
+        on_g = end[0] * face[2] + along * near + on_width * g * dz * dz * tilt * face[0]
+        opened = on_width * deep * 12.0 * tilt / (span_u * span_u * span_u) * face[0]
+        at_low = (along * g if near == ua else 0.0) - opened
+        at_high = (along * g if near == ub else 0.0) + opened
         sums[D_SHIFT] += at_low * out_low + at_high * out_high
         if low >= 0:
             on_u[low] += end[0] * face[3] + at_low

@@ -35,7 +35,7 @@ from scan2fea.types import FloatArray, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 MIN_POINTS = 50
-_HULL_POINTS = 20_000
+_LAST_STEPS = 8  # on all points: one or two are enough but where wall and noise trade
 _TRIM_SIGMAS = 3.5  # cap points blurred into the length beyond it are one in 4000
 _TRIM_SHARE = 0.01  # of the length: what `rough_ends` is good to
 _BARS = ("rect", "round")
@@ -157,7 +157,7 @@ def fit_section(
     """
     points = _checked(points, options, fixed)
     fixed = fixed or {}
-    area = hull_area(points[sampled_rows(len(points), _HULL_POINTS, options.seed), :2])
+    area = hull_area(points[:, :2])  # of all: strays of a smaller area than the points fill would be likelier than they are
     size = size_of(points[:, :2])
     low, high = rough_ends(points[:, 2])
     z_used = z_range or (low, high)
@@ -264,7 +264,7 @@ def _with_ends(points: FloatArray, found: list[Candidate], ends: tuple[float, fl
 
 
 def _final(task: _Task, layout: Layout, theta: FloatArray) -> tuple[Layout, Scored, FloatArray | None]:
-    """The optimum on a subsample, then on all points (from so near that three steps are enough), then by the faces where the noise is small.
+    """The optimum on a subsample, then on all points (from near: mostly two steps), then by the faces where the noise is small.
 
     The third is the covariance where it comes from the faces and not from the likelihood.
     """
@@ -280,7 +280,7 @@ def _final(task: _Task, layout: Layout, theta: FloatArray) -> tuple[Layout, Scor
                 return _exact(task, layout, done, smooth, held)
             done = max((done, climbed(some, smooth.theta, task.size_m, fixed=held, max_iterations=8)), key=lambda s: s.log_posterior)
     if len(task.points) > len(some.xy):
-        done = climbed(task.model(layout), done.theta, task.size_m, fixed=held, max_iterations=2, tolerance=1e-2)
+        done = climbed(task.model(layout), done.theta, task.size_m, fixed=held, max_iterations=_LAST_STEPS, tolerance=1e-2)
         done = replace(done, converged=True)
     return layout, done, None
 

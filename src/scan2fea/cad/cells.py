@@ -32,8 +32,9 @@ def cell_solid(
     margins_mm: Sequence[float],
     mesh_mm: TriangleMesh,
     limits: Sequence[Sequence[Limit]] | None = None,
+    sheets: Sequence[Any] = (),
 ) -> Any | None:
-    """The solid bounded by the surfaces, or None where the cells do not make one.
+    """The solid bounded by the surfaces and sheets, or None where the cells do not make one.
 
     surfaces : in millimetres.   patches : (n, 3) points of the region each was fitted to.   margins_mm : how far each face is drawn beyond them.
     limits : lines at which a face ends all the same, since another touches it there.
@@ -43,7 +44,7 @@ def cell_solid(
         drawn = [margin_face(s, p, m, e) for k, (s, p, m, e) in enumerate(every) if not _is_drawn(s, surfaces[:k])]
     except Exception:  # noqa: BLE001 - Open Cascade raises types of its own for what it cannot draw: no solid then
         return None
-    cells = cells_of(drawn)
+    cells = cells_of([*drawn, *sheets])
     return None if cells is None else kept_cells(cells, mesh_mm)
 
 

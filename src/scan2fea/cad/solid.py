@@ -20,7 +20,8 @@ from scan2fea.cad.patches import Patches, segmented
 from scan2fea.cad.readback import ReadBack, read_back, volume_of
 from scan2fea.cad.resting import LEAST_POINTS, Resting, nearest_points, resting_planes
 from scan2fea.cad.revolved import turned_solid
-from scan2fea.cad.roundings import inner_faces, smooth_share, unexplained, widened, without_roundings
+from scan2fea.cad.roundings import free_share, inner_faces, smooth_share, unexplained, widened, without_roundings
+from scan2fea.cad.sheets import MOST_AREA, MOST_TRIANGLES, as_facet, sewn_sheet, sheet, walls_of, without_walls
 from scan2fea.cad.step_occ import named, step_of_solid
 from scan2fea.cad.surfaces import Fit, Snap, simplest, snapped
 from scan2fea.cad.tangent import touching
@@ -90,6 +91,7 @@ def true_solid(
     used = points[sampled_rows(len(points), FIT_POINTS, 0)]
     at = PointToMesh(mesh).nearest(used)
     is_given = float(at.distance.max(initial=0.0)) <= 1e-9 * scale.size_m  # vertices of the surface lie where its triangles end, not everywhere
+    mixed: list[Patches] = []
     near = Measured(points=used, face=at.face, density=0.0 if is_given else len(used) / float(face_areas(mesh).sum()))
     for factor, patches, sharp, fillets in _candidates(mesh, near, known, scale):
         lost = unexplained(mesh, patches, factor * scale.reach_m, near.face, near.density)
@@ -99,6 +101,7 @@ def true_solid(
             if found is not None and found.brep is not None:
                 return found
             reason = reason or said
+            mixed.append(patches)
             continue
         if fillets:
             found = _built(mesh, points, sharp, scale, stands, fillets, may_cut=smooth_share(mesh, sharp) <= SMOOTH)
@@ -111,6 +114,11 @@ def true_solid(
         if smooth > SMOOTH:  # with twice the tolerance the pieces are larger, and no sharper
             return _none(f"{found.reason}{len(patches.surfaces)} pieces of surfaces that pass smoothly into each other: a free form")
         reason = found.reason
+        mixed.append(patches)
+    for patches in mixed:
+        found = _mixed(mesh, points, patches, scale, stands)
+        if found.brep is not None:
+            return found
     return _none(reason)
 
 
@@ -169,6 +177,7 @@ def _built(
     *,
     may_cut: bool,
     may_turn: bool = False,
+    walls: Sequence[IntArray] = (),
 ) -> Trued:
     """Fit, snap, cut, round the edges, check; the first margin that passes."""
     fits, snaps, is_whole = _fits(mesh, points, patches, scale, stands)
@@ -199,21 +208,37 @@ def _built(
         fillets = fitted_fillets(fillets, fits, used, PointToMesh(mesh).nearest(used).face, scale.tolerance_m)
     beyond = [max((f.reach_m * mm for f in fillets if k in (f.first, f.second)), default=0.0) for k in range(len(best))]
     first = ""
-    for drawn, ends in ((best, limits),) if fillets else ((best, limits), (as_found, None)):
+    free = [sewn_sheet(sheet(local, rows, patches.label, best, scale.tolerance_m * mm, scale.reach_m * mm)) for rows in walls]
+    for drawn, ends in ((best, limits),) if fillets or walls else ((best, limits), (as_found, None)):
         for factor in MARGINS:
             margin = max(factor * (scale.reach_m + scale.tolerance_m) * mm, 0.01 * factor * scale.size_m * mm)
-            solid = cell_solid(drawn, regions, [margin + more for more in beyond], local, ends)
+            solid = cell_solid(drawn, regions, [margin + more for more in beyond], local, ends, free)
             solid, problem = _with_fillets(solid, fillets, drawn, local)
             if problem == NO_FILLETS:  # wider faces meet in the same edges
                 return _none(f"{reason}{len(fillets)} {problem}")
             found = Compared(problem=problem) if problem else compared(solid, mesh, points, middle, scale)
             problem = found.problem
             if not problem:
-                return _result(solid, middle, scale, snaps, found, fillets)
+                return _result(solid, middle, scale, snaps, found, fillets, drawn if walls else None)
             first = problem if problem.endswith(LEFT_OUT) else first or problem
         if first.endswith(LEFT_OUT):  # the surfaces as they were found leave it out too
             break
     return _none(reason + first)
+
+
+def _mixed(mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: Scale, stands: Sequence[Resting]) -> Trued:
+    """True faces where surfaces explain the points, and facets on the walls between them that are free form."""
+    if free_share(mesh, patches) > MOST_AREA:
+        return _none("most of the area is free form")
+    fits = _fits(mesh, points, patches, scale, stands)[0]
+    own = [mesh.vertices[np.unique(mesh.faces[patches.label == k])] for k in range(len(fits))]
+    best, _ = touching(fits, own, scale.tolerance_m, scale.reach_m)
+    walls = walls_of(mesh, replace(patches, surfaces=tuple(best)), scale.reach_m)
+    n, area = sum(map(len, walls)), face_areas(mesh)
+    share = sum(float(area[rows].sum()) for rows in walls) / float(area.sum())
+    if not n or n > MOST_TRIANGLES or share > MOST_AREA:
+        return _none(f"{share:.0%} of the area in {n} triangles are free form" if n else "")
+    return _built(mesh, points, without_walls(patches, walls), scale, stands, may_cut=True, walls=walls)
 
 
 def _with_fillets(solid: Any | None, fillets: Sequence[Fillet], drawn: Sequence[Surface], local: TriangleMesh) -> tuple[Any | None, str]:
@@ -267,9 +292,13 @@ def _in_mm(surface: Surface, middle: FloatArray) -> Surface:
 
 
 def _result(
-    solid: Any, middle: FloatArray, scale: Scale, snaps: tuple[Snap, ...], proved: Compared, fillets: Sequence[Fillet] = ()
-) -> Trued:
-    """The file, proved by reading it back, and the triangles of its faces in their order."""
+    solid: Any, middle: FloatArray, scale: Scale, snaps: tuple[Snap, ...], proved: Compared, fillets: Sequence[Fillet] = (),
+    drawn: Sequence[Surface] | None = None,
+) -> Trued:  # fmt: skip
+    """The file, proved by reading it back, and the triangles of its faces in their order.
+
+    drawn : the surfaces, in millimetres, of a solid that has facets too: what lies on none of these is one.
+    """
     placed = moved_by(solid, middle * MILLIMETRES_PER_METRE)
     try:
         text, numbers = step_of_solid(placed, OCC_RESOLUTION_M)
@@ -284,7 +313,7 @@ def _result(
     if order is None:
         return _none("the faces of the STEP file are not those that were written")
     mesh = replace(mesh, face_region=order[face])
-    made = [_in_m(surface_of(f), middle) for f in faces_of(solid)]
+    made = [_in_m(s if drawn is None else as_facet(s, drawn), middle) for s in map(surface_of, faces_of(solid))]
     surfaces = [made[k] for k in np.argsort(order)]
     kinds, names = tuple(s.kind for s in surfaces), named_faces(mesh, surfaces)
     brep = Brep(

@@ -114,7 +114,8 @@ def _facts(item: Item, size: Sequence[float] | None) -> Html:
     rows += [("Sensor position", item["sensor"])] if item.get("sensor") else []
     rows += [("Measured surface", percent(share))] if share is not None else []
     if cad:
-        kinds = [(cad.get("n_planar"), "planar"), (cad.get("n_cylindrical"), "cylindrical"), (cad.get("n_conical"), "conical")]
+        kinds = [((cad.get("n_planar") or 0) - (cad.get("n_facets") or 0), "planar"), (cad.get("n_facets"), "facets")]
+        kinds += [(cad.get("n_cylindrical"), "cylindrical"), (cad.get("n_conical"), "conical")]
         kinds += [(cad.get("n_spherical"), "spherical"), (cad.get("n_revolution"), "turned"), (cad.get("n_nurbs"), "free-form")]
         rows += [("CAD faces", f"{count(cad.get('n_faces'))} ({', '.join(f'{count(n)} {kind}' for n, kind in kinds if n)})")]
         rows += [("CAD relations", _relations(cad["snaps"]))] if cad.get("snaps") else []

@@ -7,7 +7,8 @@ from predicates import box, l_beam, moved, rotation, sphere
 from scan2fea.errors import ReconstructionError
 from scan2fea.kernel.distances import sample_surface
 from scan2fea.kernel.measures import area, face_normals
-from scan2fea.reconstruction.outside import LEAK_TOLERATED, OutsideOptions, flood, floods, prepare, reached
+from scan2fea.reconstruction.flooding import reached
+from scan2fea.reconstruction.outside import LEAK_TOLERATED, OutsideOptions, flood, floods, prepare
 from scan2fea.types import TriangleMesh
 from scanned import DENSITY
 

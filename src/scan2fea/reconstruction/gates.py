@@ -13,7 +13,7 @@ from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_normals
 from scan2fea.reconstruction.budget import VOLUME_IN_DOUBT, volume_in_doubt
 from scan2fea.reconstruction.evidence import Evidence, Unseen, scatter_m, wall_m
-from scan2fea.reconstruction.gates_outside import both_faces, cut_agrees, open_inside, signs_agree, winding_agrees
+from scan2fea.reconstruction.gates_outside import both_faces, cut_agrees, gaps_entered, open_inside, signs_agree, winding_agrees
 from scan2fea.reconstruction.gates_surface import coverage, deviation, merged, mixed, patch_moments, resolution, rims, sheet, solid_core, stray
 from scan2fea.reconstruction.hidden_volume import REACH, REACH_UNSEEN, hidden_volume
 from scan2fea.reconstruction.wall_ends import wall_ends
@@ -53,6 +53,7 @@ def gates_unseen(evidence: Evidence, unseen: Unseen) -> tuple[Check, ...]:
     moments = patch_moments(points, normals, signed)
     return in_all(
         both_faces(evidence.points, unseen.flood),
+        *gaps_entered(unseen.flood),
         *resolution(evidence),
         *mixed(evidence),
         *coverage(evidence, UNMEASURED_UNSEEN, sigma),

@@ -22,6 +22,7 @@ SIGNS_AGREE, SIGNS_AGREE_QUIET, QUIET_NOISE = 0.94, 0.90, 0.17
 AT_POINTS_SOFTENING, OFF_POINTS_SOFTENING = 0.8, 0.4  # spacings; a place between two sheets of a wall must not feel its softening
 WALL_SHARE = 0.45  # of wall or gap: how deep the winding number is asked
 SAMPLES = 6000
+GAPS_ENTERED = "gaps that lead inside"
 
 
 def both_faces(points: FloatArray, flood: Flood) -> Check:
@@ -29,6 +30,12 @@ def both_faces(points: FloatArray, flood: Flood) -> Check:
     share = flood.leak_share
     says = f"{share:.0%} of the points have open space on both sides (limit {LEAK_TOLERATED:.0%}): the other face of what they lie on was not scanned"
     return at_most("open on both sides", share, LEAK_TOLERATED, f"{says}{around(points[flood.open_both])}; scan it too, or fit the member")
+
+
+def gaps_entered(flood: Flood) -> tuple[Check, ...]:
+    """The solid was told from the outside though gaps lead into it: only faces that carry on across them say that nothing hides there."""
+    says = "gaps of the scan lead into the solid, and no flat or round faces carry on across them: scan there too, or give the sensor position"
+    return (at_most(GAPS_ENTERED, 1.0, 0.0, says),) if flood.is_parted else ()
 
 
 def winding_agrees(evidence: Evidence) -> tuple[Check, Check]:

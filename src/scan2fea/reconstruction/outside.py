@@ -7,17 +7,18 @@ winding-number consistency (`winding.py`) then settle the points that lie betwee
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from scan2fea.errors import ReconstructionError, require
-from scan2fea.kernel.delaunay import FACETS, Tetrahedralisation, depth_to, tetrahedralise
-from scan2fea.kernel.jit import jit
+from scan2fea.kernel.delaunay import Tetrahedralisation, tetrahedralise
 from scan2fea.kernel.noise import spacing
 from scan2fea.kernel.normals import pca_normals
 from scan2fea.options import option
+from scan2fea.reconstruction.basins import parted
+from scan2fea.reconstruction.flooding import Setting, depths, reached, spread
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 AXIS_NEIGHBORS = 18
@@ -38,29 +39,14 @@ class OutsideOptions:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Setting(Value):
-    """What every candidate shares: tets, the axis of each point (sign unknown), the spacing; first, incident: `tetra.incidence()`."""
-
-    tetra: Tetrahedralisation
-    axis: FloatArray
-    spacing_m: float
-    first: IntArray
-    incident: IntArray
-
-    @classmethod
-    def of(cls, tetra: Tetrahedralisation, axis: FloatArray, spacing_m: float) -> Setting:
-        first, incident = tetra.incidence()
-        return cls(tetra=tetra, axis=axis, spacing_m=spacing_m, first=first, incident=incident)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
 class Flood(Value):
     """One answer to "which side is outside".
 
     signed : (n, 3) unit outward axis, zero where the flood does not tell.   outside : (m,) tets of the raw points the ball reached.
     open_both : (n,) points with flood right beside them on both sides.   ball_m : radius of the ball.   first_ball : the one it grew from, in
     spacings.
-    n_cavities : voids the ball cannot enter that were taken as empty.   core_solid : True where such voids were filled instead.
+    n_cavities : voids the ball cannot enter that were taken as empty.   core_solid : True where such voids were filled instead.   is_parted : True
+    where insides that the ball enters through gaps were told from the outside.
     """
 
     signed: FloatArray
@@ -70,6 +56,7 @@ class Flood(Value):
     first_ball: float
     n_cavities: int
     core_solid: bool
+    is_parted: bool = False
 
     @property
     def leak_share(self) -> float:
@@ -98,17 +85,18 @@ def floods(setting: Setting, options: OutsideOptions = OutsideOptions()) -> Iter
 
 
 def flood(setting: Setting, first_ball: float, core_solid: bool) -> Flood:
-    """Roll the ball in from outside, growing it while it leaks through the sampling (reconstruction.md (e), steps 2 to 4)."""
-    h = setting.spacing_m
-    radius = first_ball * h
-    outside, both = _roll_and_test(setting, radius)
-    while both.mean() > LEAK_FREE and radius * GROWTH <= LARGEST_BALL * h:
-        grown, still = _roll_and_test(setting, radius * GROWTH)
-        if both.mean() <= LEAK_TOLERATED and still.mean() > 0.5 * both.mean():
-            break  # not a leak through the sampling: faces one point row wide, which a larger ball would only shut in
-        radius, outside, both = radius * GROWTH, grown, still
+    """Roll the ball in from outside, growing it while it leaks through the sampling (reconstruction.md (e), steps 2 to 4).
+
+    Where it still leaks in, insides are told from the outside (`basins.py`) if that stops most of it.
+    """
+    radius, outside, both = _grown(setting, first_ball, rolled_in)
+    is_parted = False
+    if both.mean() > LEAK_FREE:
+        apart = _grown(setting, first_ball, parted)
+        is_parted = bool(apart[2].mean() <= 0.5 * both.mean())
+        radius, outside, both = apart if is_parted else (radius, outside, both)
     outside, n_cavities = emptied(setting, outside, radius, core_solid)
-    plus, minus = _depths(setting, outside, REACH * h)
+    plus, minus = depths(setting, outside, REACH * setting.spacing_m)
     sign = (plus < minus).astype(float) - (minus < plus)
     return Flood(
         signed=setting.axis * sign[:, None],
@@ -118,13 +106,34 @@ def flood(setting: Setting, first_ball: float, core_solid: bool) -> Flood:
         first_ball=first_ball,
         n_cavities=n_cavities,
         core_solid=core_solid and n_cavities > 0,
+        is_parted=is_parted,
     )
 
 
-def reached(tetra: Tetrahedralisation, radius: float) -> BoolArray:
-    """(m,) tets that a ball of `radius` reaches from outside, through facets and tets of larger circumradius."""
-    label = _spread(tetra.points, tetra.tets, tetra.neighbors, tetra.circumradius, tetra.is_box.copy(), radius)
-    return np.asarray(label == 0)
+def rolled_in(setting: Setting, radius: float) -> BoolArray:
+    """(m,) tets that a ball of `radius` reaches from outside."""
+    return reached(setting.tetra, radius)
+
+
+def entered(setting: Setting, radius: float, like: Flood) -> BoolArray:
+    """(m,) tets that are outside, in another triangulation, by a ball of `radius` and the way of an answer."""
+    outside = (parted if like.is_parted else rolled_in)(setting, radius)
+    return emptied(setting, outside, radius, like.core_solid)[0]
+
+
+def _grown(setting: Setting, first_ball: float, roll: Callable[[Setting, float], BoolArray]) -> tuple[float, BoolArray, BoolArray]:
+    """The radius that the ball has grown to, the tets it is in, and the points it is beside on both sides."""
+    h = setting.spacing_m
+    radius = first_ball * h
+    outside = roll(setting, radius)
+    both = _on_both_sides(setting, outside)
+    while both.mean() > LEAK_FREE and radius * GROWTH <= LARGEST_BALL * h:
+        grown = roll(setting, radius * GROWTH)
+        still = _on_both_sides(setting, grown)
+        if both.mean() <= LEAK_TOLERATED and still.mean() > 0.5 * both.mean():
+            break  # not a leak through the sampling: faces one point row wide, which a larger ball would only shut in
+        radius, outside, both = radius * GROWTH, grown, still
+    return radius, outside, both
 
 
 def emptied(setting: Setting, outside: BoolArray, radius: float, core_solid: bool) -> tuple[BoolArray, int]:
@@ -135,27 +144,15 @@ def emptied(setting: Setting, outside: BoolArray, radius: float, core_solid: boo
     return np.asarray(outside | np.isin(_voids(setting.tetra, outside, radius), cavities)), len(cavities)
 
 
-def _roll_and_test(setting: Setting, radius: float) -> tuple[BoolArray, BoolArray]:
-    outside = reached(setting.tetra, radius)
+def _on_both_sides(setting: Setting, outside: BoolArray) -> BoolArray:
     near = NEAR * setting.spacing_m
-    plus, minus = _depths(setting, outside, near)
-    return outside, (plus <= near) & (minus <= near)
-
-
-def _depths(setting: Setting, mask: BoolArray, cap: float, rows: IntArray | None = None) -> tuple[FloatArray, FloatArray]:
-    """Way from the points of `rows` (all) to the masked tets along their axis and against it; inf beyond `cap`."""
-    tetra = setting.tetra
-    asked = np.arange(tetra.n_input, dtype=np.int64) if rows is None else rows
-    both = np.vstack([setting.axis[asked], -setting.axis[asked]])
-    plus, minus = np.split(
-        depth_to(tetra.points, tetra.tets, tetra.neighbors, setting.first, setting.incident, np.tile(asked, 2), both, mask, cap), 2
-    )
-    return plus, minus
+    plus, minus = depths(setting, outside, near)
+    return (plus <= near) & (minus <= near)
 
 
 def _voids(tetra: Tetrahedralisation, outside: BoolArray, radius: float) -> IntArray:
     """(m,) number of the void (from 1) each tet belongs to: tets the ball fits in and can roll between, but not reach; 0 elsewhere."""
-    label = _spread(tetra.points, tetra.tets, tetra.neighbors, tetra.circumradius, np.zeros(len(tetra), np.bool_), radius)
+    label = spread(tetra.points, tetra.tets, tetra.neighbors, tetra.circumradius, np.zeros(len(tetra), np.bool_), radius)
     return np.asarray(np.where(outside, 0, label + 1))
 
 
@@ -168,58 +165,7 @@ def _cavities(setting: Setting, outside: BoolArray, radius: float) -> list[int]:
     kept = []
     for void in large:
         vertices = np.unique(tetra.tets[label == void])
-        plus, minus = _depths(setting, outside, BEHIND * h, vertices[vertices < tetra.n_input])
+        plus, minus = depths(setting, outside, BEHIND * h, vertices[vertices < tetra.n_input])
         if len(plus) and np.mean(np.minimum(plus, minus) <= BEHIND * h) < CAVITY_SHARE:
             kept.append(void)
     return kept
-
-
-@jit
-def _facet_radius2(points: FloatArray, a: int, b: int, c: int) -> float:
-    """Squared circumradius of a triangle: (|u| |v| |u - v| / (2 |u x v|))^2; inf if it is flat."""
-    ux, uy, uz = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1], points[b, 2] - points[a, 2]
-    vx, vy, vz = points[c, 0] - points[a, 0], points[c, 1] - points[a, 1], points[c, 2] - points[a, 2]
-    nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-    twice2 = nx * nx + ny * ny + nz * nz
-    if twice2 <= 0.0:
-        return np.inf
-    sides = (ux * ux + uy * uy + uz * uz) * (vx * vx + vy * vy + vz * vz) * ((ux - vx) ** 2 + (uy - vy) ** 2 + (uz - vz) ** 2)
-    return float(sides / (4.0 * twice2))
-
-
-@jit
-def _spread(points: FloatArray, tets: IntArray, neighbors: IntArray, radii: FloatArray, start: BoolArray, radius: float) -> IntArray:
-    """Label the tets a ball can be in: 0 reached from `start`; without any start each connected set gets its own number, from 0; -1 too tight."""
-    label = np.full(len(tets), -1, np.int64)
-    stack = np.zeros(len(tets), np.int64)
-    height, n_labels = 0, 0
-    seeded = start.any()
-    for t in range(len(tets)):
-        if start[t]:
-            label[t] = 0
-            stack[height] = t
-            height += 1
-    for seed in range(len(tets)):
-        if height == 0:
-            if seeded:
-                break
-            if label[seed] >= 0 or radii[seed] <= radius:
-                continue
-            label[seed] = n_labels
-            stack[0] = seed
-            height = 1
-        current = 0 if seeded else n_labels
-        while height > 0:
-            height -= 1
-            t = stack[height]
-            for i in range(4):
-                other = neighbors[t, i]
-                if other < 0 or label[other] >= 0 or radii[other] <= radius:
-                    continue
-                if _facet_radius2(points, tets[t, FACETS[i, 0]], tets[t, FACETS[i, 1]], tets[t, FACETS[i, 2]]) <= radius * radius:
-                    continue
-                label[other] = current
-                stack[height] = other
-                height += 1
-        n_labels += 1
-    return label

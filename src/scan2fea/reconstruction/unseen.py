@@ -11,8 +11,10 @@ from scan2fea.kernel.delaunay import Tetrahedralisation
 from scan2fea.reconstruction.budget import WALL_ENDS
 from scan2fea.reconstruction.carve import Carved, carve, gaps
 from scan2fea.reconstruction.evidence import Ends
+from scan2fea.reconstruction.flooding import Setting
 from scan2fea.reconstruction.gates import Evidence, Unseen, failed, gates_unseen
-from scan2fea.reconstruction.outside import Flood, OutsideOptions, Setting, emptied, floods, prepare, reached
+from scan2fea.reconstruction.gates_outside import GAPS_ENTERED
+from scan2fea.reconstruction.outside import Flood, OutsideOptions, entered, floods, prepare
 from scan2fea.reconstruction.wall_ends import unseen_ends
 from scan2fea.reconstruction.winding import fitted, polish
 from scan2fea.types import BoolArray, Check, FloatArray, Value
@@ -58,7 +60,7 @@ def unseen(
             continue
         if best is None or len(failed(answer.checks)) < len(failed(best.checks)):
             best = answer
-        if not failed(answer.checks):
+        if {check.name for check in failed(answer.checks)} <= {GAPS_ENTERED}:
             break
         if WALL_ENDS in (check.name for check in failed(answer.checks)):  # the next answer may miss them by chance: it is the same scan
             ends = (*ends, unseen_ends(answer.evidence))
@@ -83,11 +85,11 @@ def _answer(
     normals, sigma = fitted(points, polished, spacing_m)
 
     ball = BALL_AGAIN * flood.ball_m
-    entered: list[BoolArray] = []
+    open_space: list[BoolArray] = []
 
     def prior(tetra: Tetrahedralisation) -> FloatArray:
-        entered.append(emptied(Setting.of(tetra, normals, spacing_m), reached(tetra, ball), ball, flood.core_solid)[0])
-        return np.where(entered[-1], FLOOD_SOURCE, 0.0)
+        open_space.append(entered(Setting.of(tetra, normals, spacing_m), ball, flood))
+        return np.where(open_space[-1], FLOOD_SOURCE, 0.0)
 
     blind = np.full_like(points, np.nan)
     carved = carve(points, normals, blind, spacing_m, sigma, prior=prior, quality_weight=quality_weight, seed=seed)
@@ -106,6 +108,6 @@ def _answer(
         ends_before=ends,
     )
     volumes = carved.tetra.volumes()
-    share = float(volumes[entered[-1] & carved.inside].sum() / volumes[carved.inside].sum())
+    share = float(volumes[open_space[-1] & carved.inside].sum() / volumes[carved.inside].sum())
     facts = Unseen(flood=flood, polished=polished, held=carved.labels.held, flood_inside=share)
     return Answer(carved=carved, evidence=evidence, flood=flood, checks=gates_unseen(evidence, facts), n_tried=n)

@@ -16,6 +16,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from scan2fea.kernel.jit import jit
+from scan2fea.kernel.union_find import root
 from scan2fea.reconstruction.flooding import Setting, depths, facet_radii
 from scan2fea.types import BoolArray, FloatArray, IntArray
 
@@ -106,14 +107,6 @@ NOTHING, BOX, BASIN = 0, 1, 2
 
 
 @jit
-def _root(parent: IntArray, t: int) -> int:
-    while parent[t] != t:
-        parent[t] = parent[parent[t]]
-        t = parent[t]
-    return t
-
-
-@jit
 def _watershed(
     one: IntArray, other: IntArray, width: FloatArray, volume: FloatArray, is_box: BoolArray, wider: float, least: float, widest: float
 ) -> tuple[IntArray, IntArray]:
@@ -132,7 +125,7 @@ def _watershed(
             parent[t] = box
     kind[box], breadth[box] = BOX, np.inf
     for k in range(len(one)):
-        a, b = _root(parent, one[k]), _root(parent, other[k])
+        a, b = root(parent, one[k]), root(parent, other[k])
         if a == b or (kind[a] != NOTHING and kind[b] != NOTHING):
             continue
         if kind[b] != NOTHING or (kind[a] == NOTHING and breadth[b] > breadth[a]):
@@ -147,5 +140,5 @@ def _watershed(
         breadth[a] = max(breadth[a], breadth[b], width[k])
     label = np.empty(m, np.int64)
     for t in range(m):
-        label[t] = _root(parent, t)
+        label[t] = root(parent, t)
     return label, kind

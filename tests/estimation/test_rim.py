@@ -142,3 +142,19 @@ def test_a_bar_with_open_ends_is_not_built():
     bar = dataclasses.replace(made("rect", LENGTH), inside="hollow")
     assert [check.name for check in member_checks(bar, True) if not check.passed] == ["member.inside_unknown"]
     assert all(check.passed for check in member_checks(dataclasses.replace(bar, inside="solid"), True))
+
+
+@pytest.mark.parametrize(("family", "values", "sigma"), [("CHS", {"d": 0.14, "t": 0.0063}, 1.5e-3), ("RHS", RHS, 2e-4), ("CHS", CHS, 1e-4)])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_inner_wall_seen_through_the_opening_is_no_end_face(family, values, sigma, seed):
+    """Scanned from the side by noise along the rays: the length is that of the outer faces, whose ends are sharp."""
+    rng, inner = np.random.default_rng(seed), tuple(name.replace("OUTER", "INNER") for name in OUTER[family])
+    size = {**values, "length": LENGTH}
+    sides = [member_points(family, size, 8_000, MemberScanOptions(faces=names, seed=seed)) for names in (OUTER[family], inner)]
+    deep = np.minimum(sides[1][:, 2], LENGTH - sides[1][:, 2])
+    points = np.concatenate([sides[0], sides[1][deep < 0.006 * rng.uniform(size=len(deep))]])
+    points[:, :2] += sigma * rng.normal(size=(len(points), 2))
+    told = fit_member(Scan(cloud=PointCloud.of(points)), MemberOptions())
+    length = told.member.parameters[-1]
+    assert told.member.family == family and length.observable
+    assert abs(length.value_m - LENGTH) < 3 * length.std_m < 4e-3

@@ -21,7 +21,7 @@ from scan2fea.estimation.reach import Reach
 from scan2fea.estimation.swept import Sweep, sweep_of_member
 from scan2fea.estimation.two_sided import blended
 from scan2fea.kernel.pinned import SEEN, pinned
-from scan2fea.kernel.section_likelihood import face_lengths
+from scan2fea.kernel.section_likelihood import face_lengths, faces
 from scan2fea.kernel.sections import ROUND, section, section_area
 from scan2fea.types import BoolArray, FloatArray, Member, Parameter
 
@@ -31,6 +31,7 @@ BLENDED = "its two faces do not stand apart: one face under wider noise explains
 _EDGES = ("LEFT", "RIGHT")  # of a flat: where it may be one face, what looks like them may be where the scan ends
 _HALF = 0.5  # of a wall that may be one face
 _CHORD = 2e-3  # of the section: circles bulge so far beyond their polygons, and exact points are rounded
+_OUTER_SIGMAS = 2.0  # below the outer faces of a tube: 2.5 in 100 of their points lie deeper
 _NEAR_SIGMAS = 4.0  # from the section: what lies further off has no say about the ends
 
 
@@ -72,18 +73,43 @@ def near_section(coordinates: FloatArray, fit: SectionFit) -> BoolArray:
 
 
 def ends_of(coordinates: FloatArray, fit: SectionFit, span: tuple[float, float], wall_m: float | None = None) -> Ends:
-    """The end planes. wall_m : of a tube, from its rim, where the section's fit does not tell it."""
-    vague = wall_m is None and fit.family in ("RHS", "CHS") and not fit.observable["t"]
-    if wall_m is not None:
-        fit = dataclasses.replace(fit, values=np.array([wall_m if name == "t" else fit.value(name) for name in fit.names]))
+    """The end planes. wall_m : of a tube, from its rim, where the section's fit does not tell it.
+
+    A tube whose fit tells no wall was seen from outside: then by the outer half of that wall, or by what is within two sigma of the outer faces.
+    """
+    outside = fit.family in ("RHS", "CHS") and not fit.observable["t"]
+    vague = wall_m is None and outside
+    near = coordinates[near_section(coordinates, fit)]
+    if outside:
+        fit = _outer_half(fit, wall_m or 2 * _OUTER_SIGMAS * fit.sigma_m + _CHORD * float(fit.values.max()))
+        near = near[depth_below(fit, near) < fit.value("t")]
     lengths = face_lengths(fit.family, fit.values)
     seen = np.minimum(fit.face_weight, 1.0) if len(fit.face_weight) == len(lengths) else np.ones(len(lengths))
     perimeter = float(lengths @ seen)
     area = section_area(section(fit.family, dict(zip(fit.names, fit.values.tolist(), strict=True))))
-    near = coordinates[near_section(coordinates, fit)]
     box = float(np.prod(np.maximum(np.ptp(near[:, :2], axis=0), 1e-300))) if len(near) else 1.0
     look = partial(across, fit.family, fit.values, fit.sigma_m, fit.noise, seen, box)
     return find_ends(near, fit.sigma_m, span, area / perimeter if perimeter > 0 else 0.0, look, vague=vague)
+
+
+def _outer_half(fit: SectionFit, wall_m: float) -> SectionFit:
+    """A tube of the outer half of its wall of which the outer faces alone were seen.
+
+    Through the opening one sees the inner face, but only near the end: its points lie there as those of an end face would.
+    """
+    names = faces(fit.family)
+    return dataclasses.replace(
+        fit,
+        values=np.array([wall_m / 2 if name == "t" else fit.value(name) for name in fit.names]),
+        face_weight=np.array([0.0 if "INNER" in name else 1.0 for name in names]),
+    )
+
+
+def depth_below(fit: SectionFit, coordinates: FloatArray) -> FloatArray:
+    """(n,) how deep points lie below the outer faces of the section, metres."""
+    shape = section(fit.family, dict(zip(fit.names, fit.values.tolist(), strict=True)))
+    outer = dataclasses.replace(shape, loops=shape.loops[:1], face_names=shape.face_names[:1])
+    return -outline_distance(outer, coordinates[:, :2])[0]
 
 
 def member_of(sweep: Sweep, fit: SectionFit, ends: Ends, fixed: Mapping[str, float]) -> Member:

@@ -16,7 +16,7 @@ from scan2fea.estimation.ends import Ends, find_ends
 from scan2fea.estimation.explain import Explanation
 from scan2fea.estimation.fit import SectionFit
 from scan2fea.estimation.observability import KERNEL_SPREAD, RELATIVE, RESOLVED, thickness_observable
-from scan2fea.estimation.outline import outline_distance
+from scan2fea.estimation.outline import section_distance
 from scan2fea.estimation.reach import Reach
 from scan2fea.estimation.swept import Sweep, sweep_of_member
 from scan2fea.estimation.two_sided import blended
@@ -68,7 +68,7 @@ def significant(sweep: Sweep, fit: SectionFit) -> tuple[Sweep, FloatArray, Float
 
 def near_section(coordinates: FloatArray, fit: SectionFit) -> BoolArray:
     """Points in the outline or within four sigma of it: those that can be on the sides or on the caps."""
-    distance = outline_distance(section(fit.family, dict(zip(fit.names, fit.values.tolist(), strict=True))), coordinates[:, :2])[0]
+    distance = section_distance(fit.family, dict(zip(fit.names, fit.values.tolist(), strict=True)), coordinates[:, :2])
     return np.asarray(distance < _NEAR_SIGMAS * fit.sigma_m + _CHORD * float(fit.values.max()))
 
 
@@ -82,7 +82,8 @@ def ends_of(coordinates: FloatArray, fit: SectionFit, span: tuple[float, float],
     near = coordinates[near_section(coordinates, fit)]
     if outside:
         fit = _outer_half(fit, wall_m or 2 * _OUTER_SIGMAS * fit.sigma_m + _CHORD * float(fit.values.max()))
-        near = near[depth_below(fit, near) < fit.value("t")]
+        values = dict(zip(fit.names, fit.values.tolist(), strict=True))
+        near = near[section_distance(fit.family, values, near[:, :2], filled=True) > -fit.value("t")]
     lengths = face_lengths(fit.family, fit.values)
     seen = np.minimum(fit.face_weight, 1.0) if len(fit.face_weight) == len(lengths) else np.ones(len(lengths))
     perimeter = float(lengths @ seen)
@@ -103,13 +104,6 @@ def _outer_half(fit: SectionFit, wall_m: float) -> SectionFit:
         values=np.array([wall_m / 2 if name == "t" else fit.value(name) for name in fit.names]),
         face_weight=np.array([0.0 if "INNER" in name else 1.0 for name in names]),
     )
-
-
-def depth_below(fit: SectionFit, coordinates: FloatArray) -> FloatArray:
-    """(n,) how deep points lie below the outer faces of the section, metres."""
-    shape = section(fit.family, dict(zip(fit.names, fit.values.tolist(), strict=True)))
-    outer = dataclasses.replace(shape, loops=shape.loops[:1], face_names=shape.face_names[:1])
-    return -outline_distance(outer, coordinates[:, :2])[0]
 
 
 def member_of(sweep: Sweep, fit: SectionFit, ends: Ends, fixed: Mapping[str, float]) -> Member:

@@ -19,7 +19,7 @@ from scipy.special import pdtrc
 
 from scan2fea.estimation.explain import TOLERANCE
 from scan2fea.estimation.swept import sweep_of_member
-from scan2fea.kernel.sections import section
+from scan2fea.kernel.sections import ROUND, section
 from scan2fea.types import FloatArray, Member
 from scan2fea.units import MILLIMETRES_PER_METRE
 
@@ -40,8 +40,7 @@ def beside(points: FloatArray, member: Member) -> str:
     reach = _SIGMAS * member.sigma_m + TOLERANCE * float(np.linalg.norm(np.ptp(outer, axis=0)))
     local = sweep_of_member(member).coordinates(points)
     local = local[(local[:, 2] > 0) & (local[:, 2] < length)]
-    sides = ConvexHull(outer).equations
-    away = (local[:, :2] @ sides[:, :2].T + sides[:, 2]).max(axis=1)
+    away = _off_hull(member, local[:, :2])
     strays, away = local[away > reach], away[away > reach]
     if len(strays) < _LEAST:
         return ""
@@ -63,11 +62,11 @@ def strip_beside(member: Member, strips: Sequence[FloatArray]) -> str:
     """Why the section is only part of what was scanned: an object of its own (k, 3) runs along it and ends with it at both ends; else ""."""
     shape, length = section(member.family, member.values()), member.values()["length"]
     outer = shape.loops[0]
-    sides, size = ConvexHull(outer).equations, float(np.ptp(outer, axis=0).max())
+    size = float(np.ptp(outer, axis=0).max())
     sweep = sweep_of_member(member)
     for points in strips:
         local = sweep.coordinates(points)
-        away = (local[:, :2] @ sides[:, :2].T + sides[:, 2]).max(axis=1)
+        away = _off_hull(member, local[:, :2])
         reach = _SIGMAS * member.sigma_m + _ROWS * length / len(points)
         ends = float(local[:, 2].min()), float(local[:, 2].max()) - length
         is_along = float(np.ptp(local[:, :2], axis=0).max()) < size and float(away.max()) < _NEAR * size
@@ -78,6 +77,16 @@ def strip_beside(member: Member, strips: Sequence[FloatArray]) -> str:
                 "it is only part of what was scanned, or something else lies beside it; scan the rest, or join them in labels.csv"
             )
     return ""
+
+
+def _off_hull(member: Member, xy: FloatArray) -> FloatArray:
+    """(n,) how far points (n, 2) across the member lie beyond the hull of its section, negative within: to the farthest of its sides."""
+    if member.family in ROUND:
+        return np.hypot(xy[:, 0], xy[:, 1]) - member.values()["d"] / 2
+    away = np.full(len(xy), -np.inf)
+    for a, b, c in ConvexHull(section(member.family, member.values()).loops[0]).equations:
+        np.maximum(away, xy[:, 0] * a + xy[:, 1] * b + c, out=away)
+    return away
 
 
 def _is_crowd(n: int, n_strays: int, share: float) -> bool:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scan2fea.estimation.outline import outline_distance
+from scan2fea.estimation.outline import outline_distance, section_distance
 from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.sections import drawn, section, section_area
 from scan2fea.types import FloatArray, Member, Section
@@ -66,7 +66,7 @@ def ends_show(points: FloatArray, member: Member) -> str:
     core = max(skin, _THICKEST * narrow)
     shape = Section(family=member.family, loops=(outline,), face_names=(("",) * len(outline),))
     local = sweep_of_member(member).coordinates(points)
-    depth = -outline_distance(shape, local[:, :2])[0]
+    depth = -section_distance(member.family, member.values(), local[:, :2], filled=True)
     reach = max(skin, _NEAR * length)
     full, ring = [], []
     for z, normal in zip((0.0, length), member.end_normals, strict=True):

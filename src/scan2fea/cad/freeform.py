@@ -16,9 +16,9 @@ from scan2fea.cad.brep import OCC_RESOLUTION_M
 from scan2fea.cad.live import is_valid, moved_by, parts, pnt
 from scan2fea.cad.quads import SAMPLES, Quads, quads_on
 from scan2fea.cad.readback import read_back, volume_of
-from scan2fea.cad.solid import Trued
 from scan2fea.cad.step_occ import named, step_of_solid
 from scan2fea.cad.tiles import parted, spread, tiles_at, web_of
+from scan2fea.cad.trued import Trued
 from scan2fea.errors import CadError
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import vertex_normals

@@ -176,12 +176,12 @@ def _grown(near: Near, start: IntArray, free: BoolArray, kind: str, tolerance: f
         # few faces round a seed hardly bend: the first guess is made again while the region is small
         again = _fit(near, rows, kind, None)
         surface = again if again is not None else _fit(near, rows, kind, surface)
-    if surface is None or len(rows) < LEAST_FACES or not _is_bent(near, rows, surface):
+    if surface is None or len(rows) < LEAST_FACES or not is_bent(near, rows, surface):
         return None
     return rows, surface
 
 
-def _is_bent(near: Near, rows: IntArray, surface: Surface) -> bool:
+def is_bent(near: Near, rows: IntArray, surface: Surface) -> bool:
     """Does a round surface turn enough to be one?"""
     if surface.kind == PLANE:
         return True

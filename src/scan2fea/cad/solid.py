@@ -2,37 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
-from scan2fea.cad.boxed import with_exact_box
-from scan2fea.cad.brep import OCC_RESOLUTION_M, CadOptions
+from scan2fea.cad.brep import CadOptions
 from scan2fea.cad.cells import cell_solid
-from scan2fea.cad.compared import FIT_POINTS, LEFT_OUT, Compared, Scale, compared, faces_of, triangles_of
+from scan2fea.cad.compared import FIT_POINTS, LEFT_OUT, Compared, Scale, compared
 from scan2fea.cad.evidence import asked_for
 from scan2fea.cad.fillets import Fillet, fitted_fillets, renumbered, rounded, without_fillets
-from scan2fea.cad.live import is_valid, moved_by, surface_of
-from scan2fea.cad.naming import named_faces
+from scan2fea.cad.live import is_valid
 from scan2fea.cad.patches import Patches, segmented
-from scan2fea.cad.readback import ReadBack, read_back, volume_of
-from scan2fea.cad.resting import LEAST_POINTS, Resting, nearest_points, resting_planes
+from scan2fea.cad.resting import Resting, resting_planes
 from scan2fea.cad.revolved import turned_solid
-from scan2fea.cad.roundings import free_share, inner_faces, smooth_share, unexplained, widened, without_roundings
-from scan2fea.cad.sheets import MOST_AREA, MOST_TRIANGLES, as_facet, sewn_sheet, sheet, walls_of, without_walls
-from scan2fea.cad.step_occ import named, step_of_solid
-from scan2fea.cad.surfaces import Fit, Snap, simplest, snapped
+from scan2fea.cad.rolled import with_rings_and_balls
+from scan2fea.cad.roundings import free_share, smooth_share, unexplained, widened, without_roundings
+from scan2fea.cad.sheets import MOST_AREA, MOST_TRIANGLES, sewn_sheet, sheet, walls_of, without_walls
 from scan2fea.cad.tangent import touching
-from scan2fea.errors import CadError
+from scan2fea.cad.traced import traced_solid
+from scan2fea.cad.trued import Trued, covariance_in_mm, fits_of, in_mm, no_solid, trued
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import extent, face_areas
 from scan2fea.kernel.noise import sampled_rows
-from scan2fea.kernel.surfaces import CONE, PLANE, SPHERE, Surface, covariance
-from scan2fea.types import Brep, FloatArray, IntArray, TriangleMesh, Value
+from scan2fea.kernel.surfaces import SPHERE, Surface
+from scan2fea.types import FloatArray, IntArray, TriangleMesh, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
+MANY = 40  # surfaces: to cut them with each other takes longer than to trace their borders, which is tried first
+MAX_TRACED = 300  # surfaces of a solid that is not cut: all are moved at once
 MAX_SURFACES = 120  # cells are cut by every surface with every other: more take minutes
 TOLERANCES = (1.0, 2.0)  # times the noise of the vertices for which the segmentation is tried
 MARGINS = (1.0, 3.0, 8.0)  # times the reach by which faces are drawn beyond their region
@@ -40,22 +40,6 @@ SMOOTH = 0.5  # share of the borders of patches without an angle: more is free f
 UNEXPLAINED = 0.004  # share of the area that may lie on no surface: more is free form
 SCRAPS = 0.01  # of the area: surfaces that a wider tolerance does without
 NO_FILLETS = "rounded edges could not be made"
-FITTED = 30  # points: with fewer inside its region a surface is fitted to those at its border too
-READS_BACK = 1e-6  # relative difference of volume between the shape and its file
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Trued(Value):
-    """brep, mesh : the solid of true faces and its triangles, whose face_region is the face of the B-Rep; None where the surface is free form.
-
-    reason : why.   snaps : relations tested.   how : figures for the report.
-    """
-
-    brep: Brep | None
-    mesh: TriangleMesh | None
-    reason: str
-    snaps: tuple[Snap, ...] = ()
-    how: Mapping[str, Any]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -84,22 +68,24 @@ def true_solid(
     """
     scale = Scale(spacing_m=spacing_m, noise_m=noise_m, size_m=extent(mesh.vertices))
     if not options.true_faces:
-        return _none("cad.true_faces is off")
+        return no_solid("cad.true_faces is off")
     reason = ""
     stands = [] if resting is None else resting_planes(*resting, scale.tolerance_m)
     known = [r.surface for r in stands]
-    used = points[sampled_rows(len(points), FIT_POINTS, 0)]
-    at = PointToMesh(mesh).nearest(used)
-    is_given = float(at.distance.max(initial=0.0)) <= 1e-9 * scale.size_m  # vertices of the surface lie where its triangles end, not everywhere
+    near = _measured(mesh, points, scale)
+    raw = segmented(mesh, TOLERANCES[0] * scale.tolerance_m, known)
+    if len(raw.surfaces) > MANY:
+        found = _traced(mesh, points, raw, near, known, scale, stands)
+        if found.brep is not None:
+            return found
     mixed: list[Patches] = []
-    near = Measured(points=used, face=at.face, density=0.0 if is_given else len(used) / float(face_areas(mesh).sum()))
-    for factor, patches, sharp, fillets in _candidates(mesh, near, known, scale):
+    for factor, patches, sharp, fillets in _candidates(mesh, near, known, scale, raw):
         lost = unexplained(mesh, patches, factor * scale.reach_m, near.face, near.density)
         said = _refused(patches, lost)
         if said:  # a head that is no ball leaves none where nothing blurs it
-            found = _built(mesh, points, patches, scale, stands, may_cut=False, may_turn=True) if lost > UNEXPLAINED else None
-            if found is not None and found.brep is not None:
-                return found
+            turned = _built(mesh, points, patches, scale, stands, may_cut=False, may_turn=True) if lost > UNEXPLAINED else None
+            if turned is not None and turned.brep is not None:
+                return turned
             reason = reason or said
             mixed.append(patches)
             continue
@@ -111,24 +97,31 @@ def true_solid(
         found = _built(mesh, points, patches, scale, stands, may_cut=smooth <= SMOOTH)
         if found.brep is not None:
             return found
-        if smooth > SMOOTH:  # with twice the tolerance the pieces are larger, and no sharper
-            return _none(f"{found.reason}{len(patches.surfaces)} pieces of surfaces that pass smoothly into each other: a free form")
         reason = found.reason
+        if smooth > SMOOTH:  # with twice the tolerance the pieces are larger, and no sharper
+            reason += f"{len(patches.surfaces)} pieces of surfaces that pass smoothly into each other: a free form"
+            mixed.clear()
+            break
         mixed.append(patches)
-    for patches in mixed:
-        found = _mixed(mesh, points, patches, scale, stands)
-        if found.brep is not None:
-            return found
-    return _none(reason)
+    last = [] if len(raw.surfaces) > MANY else [_traced(mesh, points, raw, near, known, scale, stands)]
+    made = next((f for f in chain(last, (_mixed(mesh, points, p, scale, stands) for p in mixed)) if f.brep is not None), None)
+    return no_solid(reason) if made is None else made
+
+
+def _measured(mesh: TriangleMesh, points: FloatArray, scale: Scale) -> Measured:
+    used = points[sampled_rows(len(points), FIT_POINTS, 0)]
+    at = PointToMesh(mesh).nearest(used)
+    is_given = float(at.distance.max(initial=0.0)) <= 1e-9 * scale.size_m  # vertices of the surface lie where its triangles end, not everywhere
+    return Measured(points=used, face=at.face, density=0.0 if is_given else len(used) / float(face_areas(mesh).sum()))
 
 
 _Candidate = tuple[float, Patches, Patches, tuple[Fillet, ...]]  # times the tolerance; patches; these without fillets; fillets
 
 
-def _candidates(mesh: TriangleMesh, near: Measured, known: list[Surface], scale: Scale) -> Iterator[_Candidate]:
+def _candidates(mesh: TriangleMesh, near: Measured, known: list[Surface], scale: Scale, raw: Patches) -> Iterator[_Candidate]:
     """The segmentations, the tight one first unless what it has more than the wide one are scraps: rounded creases in pieces."""
-    made = (_candidate(mesh, near, known, scale, factor) for factor in TOLERANCES)
-    tight = next(made)
+    tight = _candidate(mesh, near, known, scale, TOLERANCES[0], raw)
+    made = (_candidate(mesh, near, known, scale, f, segmented(mesh, f * scale.tolerance_m, known)) for f in TOLERANCES[1:])
     if smooth_share(mesh, tight[2]) > SMOOTH:
         yield tight
         yield from made
@@ -142,21 +135,16 @@ def _candidates(mesh: TriangleMesh, near: Measured, known: list[Surface], scale:
     yield from (wide, tight) if wide_first else (tight, wide)
 
 
-def _candidate(mesh: TriangleMesh, near: Measured, known: list[Surface], scale: Scale, factor: float) -> _Candidate:
+def _candidate(mesh: TriangleMesh, near: Measured, known: list[Surface], scale: Scale, factor: float, found: Patches) -> _Candidate:
     def evident(given: Patches) -> Patches:
         told = near.points, near.face, scale.tolerance_m
         return asked_for(mesh, without_roundings(mesh, given, factor * scale.reach_m, known, told), near.points, near.face, near.density)
 
-    found = segmented(mesh, factor * scale.tolerance_m, known)
     patches = evident(found)
     sharp, fillets = without_fillets(mesh, found, factor * scale.tolerance_m, near.points, near.face, scale.tolerance_m)
     if fillets:
         sharp, fillets = renumbered(evident(sharp), sharp, fillets)
     return factor, patches, sharp if fillets else patches, fillets
-
-
-def _none(reason: str) -> Trued:
-    return Trued(brep=None, mesh=None, reason=reason, how={})
 
 
 def _refused(patches: Patches, lost: float) -> str:
@@ -180,11 +168,12 @@ def _built(
     walls: Sequence[IntArray] = (),
 ) -> Trued:
     """Fit, snap, cut, round the edges, check; the first margin that passes."""
-    fits, snaps, is_whole = _fits(mesh, points, patches, scale, stands)
+    fitted, snaps, is_whole = fits_of(mesh, points, patches, scale, stands)
+    fits = [f.surface for f in fitted]
     middle = (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2
     local = TriangleMesh(vertices=(mesh.vertices - middle) * MILLIMETRES_PER_METRE, faces=mesh.faces)
     regions = [local.vertices[rows] for rows in widened(mesh, patches, fits, scale.reach_m)]
-    best, as_found = [_in_mm(s, middle) for s in fits], [_in_mm(s, middle) for s in patches.surfaces]
+    best, as_found = [in_mm(s, middle) for s in fits], [in_mm(s, middle) for s in patches.surfaces]
     mm = MILLIMETRES_PER_METRE
     own = [local.vertices[np.unique(mesh.faces[patches.label == k])] for k in range(len(best))]
     best, limits = touching(best, own, scale.tolerance_m * mm, scale.reach_m * mm)
@@ -197,12 +186,12 @@ def _built(
             found = compared(turned, mesh, points, middle, scale)
             reason = found.problem
             if not reason:
-                return _result(turned, middle, scale, (), found)
+                return trued(turned, middle, scale, (), found)
         reason = f"turned about an axis: {reason}; "
     if not may_cut:
-        return _none(reason)
+        return no_solid(reason)
     if len(best) > MAX_SURFACES:
-        return _none(f"{reason}{len(best)} surfaces, more than {MAX_SURFACES}")
+        return no_solid(f"{reason}{len(best)} surfaces, more than {MAX_SURFACES}")
     if fillets:
         used = points[sampled_rows(len(points), FIT_POINTS, 0)]
         fillets = fitted_fillets(fillets, fits, used, PointToMesh(mesh).nearest(used).face, scale.tolerance_m)
@@ -215,30 +204,56 @@ def _built(
             solid = cell_solid(drawn, regions, [margin + more for more in beyond], local, ends, free)
             solid, problem = _with_fillets(solid, fillets, drawn, local)
             if problem == NO_FILLETS:  # wider faces meet in the same edges
-                return _none(f"{reason}{len(fillets)} {problem}")
+                return no_solid(f"{reason}{len(fillets)} {problem}")
             found = Compared(problem=problem) if problem else compared(solid, mesh, points, middle, scale)
             problem = found.problem
             if not problem:
-                return _result(solid, middle, scale, snaps, found, fillets, drawn if walls else None)
+                return trued(solid, middle, scale, snaps, found, fillets, drawn if walls else None)
             first = problem if problem.endswith(LEFT_OUT) else first or problem
         if first.endswith(LEFT_OUT):  # the surfaces as they were found leave it out too
             break
-    return _none(reason + first)
+    return no_solid(reason + first)
 
 
 def _mixed(mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: Scale, stands: Sequence[Resting]) -> Trued:
     """True faces where surfaces explain the points, and facets on the walls between them that are free form."""
     if free_share(mesh, patches) > MOST_AREA:
-        return _none("most of the area is free form")
-    fits = _fits(mesh, points, patches, scale, stands)[0]
+        return no_solid("most of the area is free form")
+    fits = [f.surface for f in fits_of(mesh, points, patches, scale, stands)[0]]
     own = [mesh.vertices[np.unique(mesh.faces[patches.label == k])] for k in range(len(fits))]
     best, _ = touching(fits, own, scale.tolerance_m, scale.reach_m)
     walls = walls_of(mesh, replace(patches, surfaces=tuple(best)), scale.reach_m)
     n, area = sum(map(len, walls)), face_areas(mesh)
     share = sum(float(area[rows].sum()) for rows in walls) / float(area.sum())
     if not n or n > MOST_TRIANGLES or share > MOST_AREA:
-        return _none(f"{share:.0%} of the area in {n} triangles are free form" if n else "")
+        return no_solid(f"{share:.0%} of the area in {n} triangles are free form" if n else "")
     return _built(mesh, points, without_walls(patches, walls), scale, stands, may_cut=True, walls=walls)
+
+
+def _traced(
+    mesh: TriangleMesh, points: FloatArray, raw: Patches, near: Measured, known: list[Surface], scale: Scale, stands: Sequence[Resting]
+) -> Trued:
+    """The solid of the patches as they border on each other, where surfaces touch that cells cannot cut.
+
+    Where the vertices are the points creases are sharp: what lies within twice the tolerance of two surfaces is a rounding, and no more.
+    """
+    reach = 2 * scale.tolerance_m if near.density == 0.0 else scale.reach_m
+    told = near.points, near.face, scale.tolerance_m
+    patches = asked_for(mesh, without_roundings(mesh, raw, reach, known, told), near.points, near.face, near.density)
+    patches = with_rings_and_balls(mesh, patches, scale.tolerance_m)
+    lost = unexplained(mesh, patches, reach, near.face, near.density)
+    if lost > UNEXPLAINED or not 2 <= len(patches.surfaces) <= MAX_TRACED:
+        return no_solid(_refused(patches, lost) or f"{len(patches.surfaces)} surfaces, more than {MAX_TRACED}")
+    fits, snaps, _ = fits_of(mesh, points, patches, scale, stands)
+    middle = (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2
+    mm = MILLIMETRES_PER_METRE
+    local = TriangleMesh(vertices=(mesh.vertices - middle) * mm, faces=mesh.faces)
+    surfaces = [in_mm(f.surface, middle) for f in fits]
+    solid = traced_solid(local, patches.label, surfaces, [covariance_in_mm(f) for f in fits], scale.tolerance_m * mm, scale.spacing_m * mm).solid
+    if solid is None or not is_valid(solid):
+        return no_solid("the faces close no valid solid")
+    found = compared(solid, mesh, points, middle, scale)
+    return no_solid(found.problem) if found.problem else trued(solid, middle, scale, snaps, found)
 
 
 def _with_fillets(solid: Any | None, fillets: Sequence[Fillet], drawn: Sequence[Surface], local: TriangleMesh) -> tuple[Any | None, str]:
@@ -249,108 +264,3 @@ def _with_fillets(solid: Any | None, fillets: Sequence[Fillet], drawn: Sequence[
         return solid, ""
     made = rounded(solid, fillets, drawn, local)
     return made, "" if made is not None else NO_FILLETS
-
-
-def _fits(
-    mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: Scale, stands: Sequence[Resting] = ()
-) -> tuple[list[Surface], tuple[Snap, ...], bool]:
-    """The surfaces fitted to the measured points of their regions, away from borders, with relations applied. One with too few points stays as the
-    vertices of its patch have it; the last value tells whether there was none.
-    """
-    used = points[sampled_rows(len(points), FIT_POINTS, 0)]
-    inner = inner_faces(mesh, patches.label)
-    at = PointToMesh(mesh).nearest(used)
-    near = at.distance <= 4 * scale.noise_m + 4 * scale.tolerance_m + scale.spacing_m
-    label = np.where(near, patches.label[at.face], -1)
-    deep = near & inner[at.face]
-    fits: list[Fit] = []
-    is_whole = True
-    flat = [s.axis for s in patches.surfaces if s.kind == PLANE]
-    for k, surface in enumerate(patches.surfaces):
-        rows = np.flatnonzero((label == k) & deep)
-        if len(rows) < FITTED:
-            rows = np.flatnonzero(label == k)
-        own = used[rows] if len(rows) >= LEAST_POINTS else nearest_points(stands, surface, scale.reach_m)
-        fit = simplest(surface, own, scale.size_m, flat) if len(own) >= LEAST_POINTS else None
-        is_whole = is_whole and fit is not None
-        fits.append(fit or _of_vertices(surface, mesh.vertices[np.unique(mesh.faces[patches.label == k])], scale))
-    out, snaps = snapped(fits)
-    return [f.surface for f in out], tuple(snaps), is_whole
-
-
-def _of_vertices(surface: Surface, vertices: FloatArray, scale: Scale) -> Fit:
-    """The surface of a patch as it was found."""
-    sigma = max(scale.tolerance_m / 3, surface.rms_m)
-    return Fit(surface=surface, points=vertices, sigma_m=sigma, covariance=covariance(surface, vertices, sigma))
-
-
-def _in_mm(surface: Surface, middle: FloatArray) -> Surface:
-    second = surface.second if surface.kind == CONE else surface.second * MILLIMETRES_PER_METRE
-    return replace(
-        surface, point=(surface.point - middle) * MILLIMETRES_PER_METRE, radius=surface.radius * MILLIMETRES_PER_METRE, second=second
-    )  # fmt: skip
-
-
-def _result(
-    solid: Any, middle: FloatArray, scale: Scale, snaps: tuple[Snap, ...], proved: Compared, fillets: Sequence[Fillet] = (),
-    drawn: Sequence[Surface] | None = None,
-) -> Trued:  # fmt: skip
-    """The file, proved by reading it back, and the triangles of its faces in their order.
-
-    drawn : the surfaces, in millimetres, of a solid that has facets too: what lies on none of these is one.
-    """
-    placed = moved_by(solid, middle * MILLIMETRES_PER_METRE)
-    try:
-        text, numbers = step_of_solid(placed, OCC_RESOLUTION_M)
-        found = read_back(text)
-    except CadError as error:
-        return _none(str(error))
-    volume = volume_of(placed) / MILLIMETRES_PER_METRE**3
-    if not (found.is_valid and found.n_solids == 1 and found.n_free_edges == 0 and abs(found.volume_m3 / volume - 1) < READS_BACK):
-        return _none("the STEP file does not read back as the solid that was written")
-    mesh, face = triangles_of(solid, middle, scale.tolerance_m)
-    order = _order(mesh, face, found)
-    if order is None:
-        return _none("the faces of the STEP file are not those that were written")
-    mesh = replace(mesh, face_region=order[face])
-    made = [_in_m(s if drawn is None else as_facet(s, drawn), middle) for s in map(surface_of, faces_of(solid))]
-    surfaces = [made[k] for k in np.argsort(order)]
-    kinds, names = tuple(s.kind for s in surfaces), named_faces(mesh, surfaces)
-    brep = Brep(
-        step=named(text, numbers, names), face_names=names, face_kinds=kinds, region_of_face=np.arange(len(names)),
-        facet_of_face=np.full(len(names), -1, np.int64), volume_m3=found.volume_m3, area_m2=found.area_m2, is_valid=found.is_valid,
-        n_solids=found.n_solids, n_free_edges=found.n_free_edges, face_centre=found.face_centre, face_area=found.face_area,
-    )  # fmt: skip
-    boxed = with_exact_box(brep, placed, mesh, OCC_RESOLUTION_M)
-    return Trued(brep=boxed, mesh=mesh, reason="", snaps=snaps, how=_told(snaps, brep, proved, fillets))
-
-
-def _in_m(surface: Surface, middle: FloatArray) -> Surface:
-    k = 1 / MILLIMETRES_PER_METRE
-    second = surface.second if surface.kind == CONE else surface.second * k
-    return replace(surface, point=surface.point * k + middle, radius=surface.radius * k, second=second)
-
-
-def _order(mesh: TriangleMesh, face: IntArray, found: ReadBack) -> IntArray | None:
-    """For each face of the shape its place in the file, by centre and area; None where they do not pair off."""
-    n = int(face.max()) + 1
-    if len(found.face_area) != n:
-        return None
-    corners = mesh.vertices[mesh.faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-    total = np.bincount(face, weights=area, minlength=n)
-    middle = np.stack([np.bincount(face, weights=area * corners[:, :, k].mean(1), minlength=n) for k in range(3)], axis=1).astype(float)
-    middle /= np.maximum(total, 1e-300)[:, None]
-    gap = np.linalg.norm(middle[:, None] - found.face_centre[None], axis=2) + np.sqrt(np.abs(total[:, None] - found.face_area[None]))
-    order = gap.argmin(1)
-    return order if len(np.unique(order)) == n else None
-
-
-def _told(snaps: Sequence[Snap], brep: Brep, proved: Compared, fillets: Sequence[Fillet]) -> dict[str, Any]:
-    kinds = {kind: brep.face_kinds.count(kind) for kind in sorted(set(brep.face_kinds))}
-    radii = {"fillets": [{"radius_m": f.radius_m, "std_m": f.std_m} for f in fillets]} if fillets else {}
-    solid, surface = proved.holes
-    holes = {"holes": {"solid": solid, "surface": surface}} if solid != surface else {}
-    return radii | holes | {"faces": kinds, "snaps": sum(s.applied for s in snaps), "refused": sum(not s.applied for s in snaps)}
-
-

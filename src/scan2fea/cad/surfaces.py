@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import gammaincc
 
-from scan2fea.kernel.surfaces import CYLINDER, FREEDOMS, PLANE, SPHERE, Surface, covariance, fitted
+from scan2fea.kernel.surfaces import CYLINDER, FREEDOMS, PLANE, SPHERE, TORUS, Surface, covariance, fitted
 from scan2fea.types import BoolArray, FloatArray, Value
 
 ALPHA = 0.01  # a true relation is refused once in a hundred
@@ -49,8 +49,13 @@ class Fit(Value):
     @property
     def tilt(self) -> FloatArray:
         """(2, 2) covariance of the axis in the frame of the surface."""
-        k = {PLANE: 1, SPHERE: 0}.get(self.surface.kind, 2)
+        k = _tilt(self.surface.kind)
         return self.covariance[k : k + 2, k : k + 2]
+
+
+def _tilt(kind: str) -> int:
+    """The first of the two steps that turn the axis."""
+    return {PLANE: 1, SPHERE: 0, TORUS: 3}.get(kind, 2)
 
 
 def fit_to_points(start: Surface, points: FloatArray, size_m: float) -> Fit | None:
@@ -165,7 +170,7 @@ def _p_value(chi2: float, dof: int) -> float:
 
 def _hold(free: BoolArray, kind: str, what: str) -> None:
     if what == "tilt" and kind != SPHERE:
-        k = 1 if kind == PLANE else 2
+        k = _tilt(kind)
         free[k : k + 2] = False
     elif what == "shift":
         free[: 3 if kind == SPHERE else 2] = False

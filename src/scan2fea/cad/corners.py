@@ -1,0 +1,171 @@
+"""Corners and edges of a solid on its surfaces: the points of each chain of a network moved to where the surfaces beside it meet, or touch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from scan2fea.cad.network import Network, evenly, smoothed
+from scan2fea.cad.tangency import sharpest
+from scan2fea.kernel.surfaces import Surface
+from scan2fea.types import FloatArray, TriangleMesh, Value
+
+ROUNDS, ROUNDS_ON_EDGE = 40, 15
+LEAST_SLOPE = 0.08  # of the steepest: flatter directions (two surfaces that touch) are left as they are
+LONGEST_STEP = 2.0  # mm
+SHORT = 3.0  # spacings: corners that a chain no longer than this joins may be one
+MOVES = 1.5  # spacings, and no farther from the middle of that chain
+LEAST_POINTS, MOST_POINTS = 6, 200  # along an edge
+
+_Tie = tuple[Surface, Surface, FloatArray]  # two surfaces that touch, and the way across the line of touch
+_Plane = tuple[FloatArray, FloatArray]  # a point and the normal of a plane
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Corner(Value):
+    """at : (3,).   off : how far it lies from the farthest of its surfaces."""
+
+    at: FloatArray
+    off: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Edge(Value):
+    """chain : its number.   first, last : numbers of its corners.   points : (n, 3) from the one to the other."""
+
+    chain: int
+    first: int
+    last: int
+    points: FloatArray
+    off: float
+
+
+def met(start: FloatArray, surfaces: Sequence[Surface], ties: Iterable[_Tie], planes: Iterable[_Plane], rounds: int = ROUNDS) -> Corner:
+    """The point next to `start` on all surfaces and planes, and at the lines of touch of the ties; of least squares where there is none."""
+    at = np.array(start, float)
+    ties, planes = list(ties), list(planes)
+    for _ in range(rounds):
+        here = at[None]
+        slope = [s.normals(here)[0] for s in surfaces]
+        off = [float(s.distance(here)[0]) for s in surfaces]
+        for a, b, across in ties:
+            scale = sharpest(a, b)
+            places = at + 1e-4 * scale * np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+            apart = scale * ((a.normals(places) - b.normals(places)) @ across)
+            slope.append((apart[1:4] - apart[4:]) / (2e-4 * scale))
+            off.append(float(apart[0]))
+        for point, normal in planes:
+            slope.append(normal)
+            off.append(float((at - point) @ normal))
+        if not slope:
+            break
+        step = np.linalg.pinv(np.array(slope), rcond=LEAST_SLOPE) @ np.array(off)
+        length = float(np.linalg.norm(step))
+        at = at - step * min(1.0, LONGEST_STEP / max(length, 1e-300))
+        if length < 1e-10:
+            break
+    return Corner(at=at, off=max((abs(float(s.distance(at[None])[0])) for s in surfaces), default=0.0))
+
+
+class Meeting:
+    """The corners and edges of a network on its surfaces, millimetres.
+
+    corner_of : of each vertex of the mesh that is one, its number.   corners : by number.   gone : chains so short that they are corners.
+    """
+
+    def __init__(self, mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], touching: Iterable[int], tolerance: float, spacing: float):
+        self.mesh, self.network, self.surfaces = mesh, network, surfaces
+        self.touching = frozenset(touching)
+        self.spacing = spacing
+        self.corner_of: dict[int, int] = {}
+        self.gone: set[int] = set()
+        ends = [(int(c.vertices[0]), int(c.vertices[-1])) for c in network.chains]
+        for vertex in sorted({v for pair in ends for v in pair}):
+            self.corner_of[vertex] = vertex
+        self._chains: dict[int, list[int]] = {v: [] for v in self.corner_of}
+        self._regions: dict[int, set[int]] = {v: set() for v in self.corner_of}
+        for number, (first, last) in enumerate(ends):
+            for vertex in (first, last):
+                self._chains[vertex].append(number)
+                self._regions[vertex] |= {network.chains[number].left, network.chains[number].right}
+        self.corners: dict[int, Corner] = {
+            v: self._solved(self._regions[v], self._chains[v], mesh.vertices[v]) for v in self.corner_of
+        }  # fmt: skip
+        self._joined(tolerance)
+
+    def _tie(self, chain: int, at: FloatArray, along: FloatArray) -> _Tie | None:
+        found = self.network.chains[chain]
+        a, b = (self.surfaces[self.network.surface[side]] for side in (found.left, found.right))
+        across = np.cross(a.normals(at[None])[0] + b.normals(at[None])[0], along)
+        length = float(np.linalg.norm(across))
+        return (a, b, across / length) if length > 1e-9 else None
+
+    def _solved(self, regions: Iterable[int], chains: Iterable[int], start: FloatArray) -> Corner:
+        numbers = sorted({int(self.network.surface[k]) for k in regions if self.network.surface[k] >= 0})
+        ties, planes = [], []
+        for number in chains:
+            chain = self.network.chains[number]
+            cut = self.network.cuts.get(frozenset((chain.left, chain.right)))
+            if cut is not None:
+                planes.append(cut)
+            if number in self.touching:
+                line = smoothed(self.mesh.vertices[chain.vertices])
+                step = min(3, len(line) - 1)
+                is_first = np.linalg.norm(line[0] - start) <= np.linalg.norm(line[-1] - start)
+                tie = self._tie(number, start, line[step] - line[0] if is_first else line[-1] - line[-1 - step])
+                ties += [tie] if tie is not None else []
+        return met(start, [self.surfaces[k] for k in numbers], ties, planes)
+
+    def _joined(self, tolerance: float) -> None:
+        """Corners at the ends of short chains made one, where all their surfaces pass one point as closely as they did each."""
+        at = self.mesh.vertices
+        length = [float(np.linalg.norm(np.diff(at[c.vertices], axis=0), axis=1).sum()) for c in self.network.chains]
+        for number in np.argsort(length, kind="stable").tolist():
+            if length[number] > SHORT * self.spacing:
+                break
+            ends = self.network.chains[number].vertices[[0, -1]]
+            i, j = (self.corner_of[int(v)] for v in ends)
+            if i == j:
+                continue
+            middle = at[ends].mean(0)
+            chains = [k for k in self._chains[i] + self._chains[j] if k != number]
+            regions = self._regions[i] | self._regions[j]
+            found = self._solved(regions, chains, middle)
+            limit = max(tolerance / 2, self.corners[i].off, self.corners[j].off)
+            if found.off <= limit and np.linalg.norm(found.at - middle) <= MOVES * self.spacing:
+                self.gone.add(number)
+                self.corners[i], self._chains[i], self._regions[i] = found, chains, regions
+                del self.corners[j]
+                for vertex, corner in self.corner_of.items():
+                    if corner == j:
+                        self.corner_of[vertex] = i
+
+    def edges(self) -> Mapping[int, Edge]:
+        """By the number of their chain."""
+        return {k: self._edge(k) for k in range(len(self.network.chains)) if k not in self.gone}
+
+    def _edge(self, number: int) -> Edge:
+        chain = self.network.chains[number]
+        first, last = (self.corner_of[int(chain.vertices[k])] for k in (0, -1))
+        ends = self.corners[first].at, self.corners[last].at
+        line = smoothed(self.mesh.vertices[chain.vertices])
+        length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+        n = int(np.clip(np.ceil(length / self.spacing), LEAST_POINTS, MOST_POINTS))
+        t = np.linspace(0.0, 1.0, n + 1)[:, None]
+        line = evenly(line, n + 1)
+        line = line + (1 - t) ** 4 * (ends[0] - line[0]) + t**4 * (ends[1] - line[-1])
+        numbers = sorted({int(self.network.surface[k]) for k in (chain.left, chain.right) if self.network.surface[k] >= 0})
+        surfaces = [self.surfaces[k] for k in numbers]
+        cut = self.network.cuts.get(frozenset((chain.left, chain.right)))
+        out, worst = [ends[0]], 0.0
+        for k in range(1, n):
+            along = line[k + 1] - line[k - 1]
+            along = along / max(float(np.linalg.norm(along)), 1e-300)
+            tie = self._tie(number, line[k], along) if number in self.touching else None
+            planes = [(line[k], along)] + ([cut] if cut is not None else [])
+            found = met(line[k], surfaces, [tie] if tie is not None else [], planes, ROUNDS_ON_EDGE)
+            out.append(found.at)
+            worst = max(worst, found.off)
+        return Edge(chain=number, first=first, last=last, points=np.array([*out, ends[1]]), off=worst)

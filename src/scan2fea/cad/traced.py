@@ -1,0 +1,238 @@
+"""A solid whose faces are the patches of a surface, and whose edges run where these meet: nothing is cut.
+
+Cells cannot cut faces that touch. Here the borders of the patches say which face meets which: surfaces that pass into each other are made to touch
+(`tangency`), corners and edges are put on the surfaces (`corners`), each face is trimmed by its edges. What goes round an axis is cut in two first,
+and joined at the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from scan2fea.cad.corners import Corner, Edge, Meeting
+from scan2fea.cad.live import direction, is_valid, parts, pnt, solid_of_faces, unified
+from scan2fea.cad.network import Network, network_of
+from scan2fea.cad.roundings import MEETS
+from scan2fea.cad.tangency import made_to_touch, touches_of
+from scan2fea.kernel.surfaces import CONE, CYLINDER, PLANE, SPHERE, Surface
+from scan2fea.types import FloatArray, IntArray, TriangleMesh
+
+EXACT = 5e-6  # mm: a line or an arc through the points of an edge
+RESOLUTION = 1e-6  # mm
+LOOSE = 0.1  # of the length of all borders: more is free form in pieces
+LOOSEST = 1.0  # mm that Open Cascade may widen an edge by; what is off is found when the solid is compared
+
+_Use = tuple[int, bool, int, int]  # edge, whether it runs forward, its corners in that order
+
+
+@dataclass(frozen=True, kw_only=True)
+class Traced:
+    """solid : None where the faces close none.   loose : share of the length of all borders where two surfaces meet at no angle and do not touch."""
+
+    solid: Any | None
+    loose: float
+
+
+def traced_solid(
+    mesh_mm: TriangleMesh, label: IntArray, surfaces: Sequence[Surface], covariances: Sequence[FloatArray], tolerance: float, spacing: float
+) -> Traced:
+    """The solid of labelled faces, in millimetres. label : (m,) number of the surface of each, -1 where the nearest beside it is to be taken."""
+    network = network_of(mesh_mm, label, surfaces)
+    touches = touches_of(mesh_mm, network, surfaces, covariances, tolerance, spacing)
+    loose = _loose(mesh_mm, network, surfaces, {touch.chain for touch in touches})
+    if loose > LOOSE:
+        return Traced(solid=None, loose=loose)
+    made, kept = made_to_touch(surfaces, covariances, touches, tolerance)
+    meeting = Meeting(mesh_mm, network, made, [touch.chain for touch in kept], tolerance, spacing)
+    try:
+        faces = _faces(mesh_mm, network, made, meeting)
+    except Exception:  # noqa: BLE001 - Open Cascade raises types of its own for what it cannot draw: no solid then
+        return Traced(solid=None, loose=loose)
+    solid = solid_of_faces(faces) if faces else None
+    return Traced(solid=None if solid is None else _whole(solid), loose=loose)
+
+
+def _loose(mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], touching: Collection[int]) -> float:
+    total = loose = 0.0
+    for number, chain in enumerate(network.chains):
+        first, second = (int(network.surface[side]) for side in (chain.left, chain.right))
+        at = mesh.vertices[chain.vertices]
+        length = float(np.linalg.norm(np.diff(at, axis=0), axis=1).sum())
+        if first == second:
+            continue
+        total += length
+        turn = np.einsum("ij,ij->i", surfaces[first].normals(at), surfaces[second].normals(at))
+        if number not in touching and np.median(turn) > MEETS:
+            loose += length
+    return loose / total if total else 0.0
+
+
+def _whole(solid: Any) -> Any:
+    """Halves joined, where that leaves the solid as valid as it was."""
+    from OCP.TopAbs import TopAbs_SOLID
+
+    joined = unified(solid)
+    return joined if is_valid(joined) and len(parts(joined, TopAbs_SOLID)) == 1 else solid
+
+
+def _faces(mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], meeting: Meeting) -> list[Any]:
+    """A face of each region; none where a region has no border that closes."""
+    edges = meeting.edges()
+    drawn = _drawn(edges, meeting.corners)
+    uses: dict[int, list[_Use]] = {k: [] for k in range(len(network.surface))}
+    for number, edge in edges.items():
+        chain = network.chains[number]
+        uses[chain.left].append((number, True, edge.first, edge.last))
+        uses[chain.right].append((number, False, edge.last, edge.first))
+    out = []
+    for region, own in uses.items():
+        loops = _loops(own)
+        if not loops:
+            return []
+        used = np.unique(mesh.faces[network.label == region])
+        out.append(_face(surfaces[network.surface[region]], mesh.vertices[used], loops, drawn))
+    return out
+
+
+def _loops(uses: Sequence[_Use]) -> list[list[_Use]]:
+    """The edges of a region one after another; none where a loop stays open."""
+    left, out = list(uses), []
+    while left:
+        loop = [left.pop(0)]
+        while loop[-1][3] != loop[0][2]:
+            follows = next((use for use in left if use[2] == loop[-1][3]), None)
+            if follows is None:
+                return []
+            loop.append(follows)
+            left.remove(follows)
+        out.append(loop)
+    return out
+
+
+def _drawn(edges: Mapping[int, Edge], corners: Mapping[int, Corner]) -> dict[int, Any]:
+    """Edges of Open Cascade that share their ends."""
+    from OCP.BRep import BRep_Builder
+    from OCP.TopAbs import TopAbs_FORWARD, TopAbs_REVERSED
+    from OCP.TopoDS import TopoDS, TopoDS_Edge, TopoDS_Vertex
+
+    builder = BRep_Builder()
+    ends, out = {}, {}
+    for number, corner in corners.items():
+        ends[number] = TopoDS_Vertex()
+        builder.MakeVertex(ends[number], pnt(corner.at), max(RESOLUTION, 2 * corner.off))
+    for number, edge in edges.items():
+        step = np.linalg.norm(np.diff(edge.points, axis=0), axis=1)
+        curve, low, high = _curve(edge.points[np.append(True, step > 1e-7)])
+        shape = TopoDS_Edge()
+        builder.MakeEdge(shape, curve, max(RESOLUTION, 2 * edge.off))
+        builder.Add(shape, TopoDS.Vertex(ends[edge.first].Oriented(TopAbs_FORWARD)))
+        builder.Add(shape, TopoDS.Vertex(ends[edge.last].Oriented(TopAbs_REVERSED)))
+        builder.Range(shape, low, high)
+        out[number] = shape
+    return out
+
+
+def _curve(points: FloatArray) -> tuple[Any, float, float]:
+    """The line or arc that holds the points, else a spline through them; and its ends."""
+    from OCP.collections import HArray1_gp_Pnt
+    from OCP.Geom import Geom_Circle, Geom_Line
+    from OCP.GeomAPI import GeomAPI_Interpolate
+    from OCP.gp import gp_Ax2, gp_Circ
+
+    across = points[-1] - points[0]
+    length = float(np.linalg.norm(across))
+    is_closed = length < 1e-9
+    if not is_closed:
+        along = (points - points[0]) @ across / length
+        if np.linalg.norm(points - points[0] - along[:, None] * across / length, axis=1).max() < EXACT:
+            return Geom_Line(pnt(points[0]), direction(across)), 0.0, length
+    arc = _arc(points)
+    if arc is not None:
+        middle, normal, radius, turn = arc
+        return Geom_Circle(gp_Circ(gp_Ax2(pnt(middle), direction(normal), direction(points[0] - middle)), radius)), 0.0, turn
+    used = points[:-1] if is_closed else points
+    array = HArray1_gp_Pnt(1, len(used))
+    for k, at in enumerate(used):
+        array.SetValue(k + 1, pnt(at))
+    maker = GeomAPI_Interpolate(array, is_closed, 1e-7)
+    maker.Perform()
+    curve = maker.Curve()
+    return curve, curve.FirstParameter(), curve.LastParameter()
+
+
+def _arc(points: FloatArray) -> tuple[FloatArray, FloatArray, float, float] | None:
+    """(middle, normal, radius, turn) of the arc from the first to the last of some points; None where they lie on none."""
+    if len(points) < 5:
+        return None
+    centre = points.mean(0)
+    axes = np.linalg.svd(points - centre, full_matrices=False)[2]
+    if np.abs((points - centre) @ axes[2]).max() > EXACT:
+        return None
+    flat = (points - centre) @ axes[:2].T
+    x, y, c = np.linalg.lstsq(np.column_stack([2 * flat, np.ones(len(flat))]), (flat**2).sum(1), rcond=None)[0]
+    radius = float(np.sqrt(c + x * x + y * y))
+    middle = centre + np.array([x, y]) @ axes[:2]
+    if np.abs(np.linalg.norm(points - middle, axis=1) - radius).max() > EXACT:
+        return None
+    first = (points[0] - middle) / np.linalg.norm(points[0] - middle)
+    normal = axes[2]
+    turn = np.unwrap(np.arctan2((points - middle) @ np.cross(normal, first), (points - middle) @ first))[-1]
+    if abs(turn) < 1e-6:
+        return None
+    return middle, normal if turn > 0 else -normal, radius, abs(float(turn))
+
+
+def _face(surface: Surface, points: FloatArray, loops: Sequence[Sequence[_Use]], edges: Mapping[int, Any]) -> Any:
+    """The surface trimmed by its loops, looking out of the solid."""
+    from OCP.BRep import BRep_Builder
+    from OCP.ShapeFix import ShapeFix_Face
+    from OCP.TopAbs import TopAbs_FORWARD, TopAbs_REVERSED
+    from OCP.TopoDS import TopoDS_Face, TopoDS_Wire
+
+    looks_in = surface.kind != PLANE and surface.sense < 0  # Open Cascade's round surfaces look away from their axis
+    builder, face = BRep_Builder(), TopoDS_Face()
+    builder.MakeFace(face, _geometry(surface, points), RESOLUTION)
+    for loop in loops:
+        wire = TopoDS_Wire()
+        builder.MakeWire(wire)
+        for number, forward, _, _ in reversed(loop) if looks_in else loop:
+            builder.Add(wire, edges[number].Oriented(TopAbs_FORWARD if forward != looks_in else TopAbs_REVERSED))
+        builder.Add(face, wire)
+    fix = ShapeFix_Face(face)
+    fix.FixOrientationMode = 1
+    fix.SetPrecision(RESOLUTION)
+    fix.SetMaxTolerance(LOOSEST)
+    fix.Perform()
+    out = fix.Face()
+    if looks_in:
+        out.Reverse()
+    return out
+
+
+def _geometry(surface: Surface, points: FloatArray) -> Any:
+    """The surface, its seam on the side away from the points."""
+    from OCP.Geom import Geom_ConicalSurface, Geom_CylindricalSurface, Geom_Plane, Geom_SphericalSurface, Geom_ToroidalSurface
+    from OCP.gp import gp_Ax3, gp_Pln
+
+    if surface.kind == PLANE:
+        return Geom_Plane(gp_Pln(pnt(surface.point), direction(surface.axis)))
+    away = surface.point - points.mean(0)
+    axis = surface.axis
+    if surface.kind == SPHERE:  # its poles aside of the points too
+        least = np.eye(3)[int(np.abs(away).argmin())]
+        axis = least - (least @ away) * away / max(float(away @ away), 1e-300)
+        axis = axis / np.linalg.norm(axis)
+    away = away - (away @ axis) * axis
+    away = away if np.linalg.norm(away) > 1e-6 * surface.radius else surface.frame()[0]
+    frame = gp_Ax3(pnt(surface.point), direction(axis), direction(away))
+    if surface.kind == SPHERE:
+        return Geom_SphericalSurface(frame, surface.radius)
+    if surface.kind == CYLINDER:
+        return Geom_CylindricalSurface(frame, surface.radius)
+    if surface.kind == CONE:
+        return Geom_ConicalSurface(frame, surface.second, surface.radius)
+    return Geom_ToroidalSurface(frame, surface.radius, surface.second)

@@ -1,0 +1,183 @@
+"""Solids traced along the borders of their patches: corners, edges, surfaces that touch, rings in pieces."""
+
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+
+from drawn import drawing, triangles
+from predicates import box, rotation, torus
+from scan2fea.cad import true_solid
+from scan2fea.cad.corners import met
+from scan2fea.cad.live import is_valid, parts
+from scan2fea.cad.network import LEAST_FACES, network_of
+from scan2fea.cad.patches import Patches, segmented
+from scan2fea.cad.readback import read_back, volume_of
+from scan2fea.cad.rolled import with_rings_and_balls
+from scan2fea.cad.tangency import Touch, made_to_touch
+from scan2fea.cad.traced import LOOSE, traced_solid
+from scan2fea.kernel.surfaces import CYLINDER, PLANE, SPHERE, TORUS, Surface
+from scan2fea.types import TriangleMesh
+
+
+def plane(point, axis):
+    return Surface(kind=PLANE, point=np.array(point, float), axis=np.array(axis, float) / np.linalg.norm(axis))
+
+
+def labelled(size, edge):
+    """A box of triangles, the side of each, and the six planes."""
+    mesh = box(size, edge)
+    middle, size = mesh.vertices[mesh.faces].mean(1), np.array(size, float)
+    sides = [plane(size * (side > 0) * np.eye(3)[k], side * np.eye(3)[k]) for k in range(3) for side in (-1, 1)]
+    return mesh, np.argmin([np.abs(s.distance(middle)) for s in sides], axis=0), sides
+
+
+def small(n):
+    return [1e-4 * np.eye(k) for k in n]
+
+
+def test_the_network_of_a_box_has_eight_corners_and_twelve_chains():
+    mesh, label, sides = labelled((30.0, 20.0, 10.0), 2.0)
+    rng = np.random.default_rng(0)
+    stray = label.copy()
+    stray[rng.choice(len(label), 60, replace=False)] = -1  # and faces that are on none
+    found = network_of(mesh, stray, sides)
+    assert len(found.chains) == 12
+    assert len({int(v) for c in found.chains for v in c.vertices[[0, -1]]}) == 8
+    assert not found.cuts
+    assert np.mean(found.surface[found.label] == label) > 0.99  # a stray at a corner lies on two sides alike
+
+
+def test_a_piece_with_fewer_faces_than_a_patch_begins_with_is_of_the_patch_around_it():
+    mesh, label, sides = labelled((30.0, 20.0, 10.0), 2.0)
+    middle = mesh.vertices[mesh.faces].mean(1)
+    order = np.argsort(np.linalg.norm(middle - [15.0, 10.0, 10.0], axis=1))
+    for n, regions in ((LEAST_FACES - 1, 6), (3 * LEAST_FACES, 7)):
+        strays = label.copy()
+        strays[order[:n]] = 0
+        assert len(network_of(mesh, strays, sides).surface) == regions
+
+
+def test_a_traced_box_is_the_box_wherever_it_stands():
+    mesh, label, sides = labelled((30.0, 20.0, 10.0), 2.0)
+    R = rotation(3)
+    turned = TriangleMesh(vertices=mesh.vertices @ R.T, faces=mesh.faces)
+    moved = [dataclasses.replace(s, point=R @ s.point, axis=R @ s.axis) for s in sides]
+    found = traced_solid(turned, label, moved, small([3] * 6), 0.1, 2.0)
+    assert is_valid(found.solid)
+    assert volume_of(found.solid) == pytest.approx(6000.0, rel=1e-9)
+    assert found.loose == 0.0
+
+
+def test_points_meet_where_planes_do_and_on_lines_of_touch():
+    three = [plane((1, 0, 0), (1, 0, 0.2)), plane((0, 2, 0), (0.1, 1, 0)), plane((0, 0, 3), (0, 0, 1))]
+    found = met(np.array([1.2, 2.2, 2.7]), three, [], [])
+    exact = np.linalg.solve([s.axis for s in three], [s.axis @ s.point for s in three])
+    assert found.at == pytest.approx(exact, abs=1e-9)
+    round_one = Surface(kind=CYLINDER, point=np.array([0.0, 0.0, 4.0]), axis=np.array([0.0, 1.0, 0.0]), radius=4.0)
+    floor, end = plane((0, 0, 0), (0, 0, -1)), plane((0, 5, 0), (0, 1, 0))
+    found = met(np.array([0.7, 4.8, 0.1]), [round_one, floor, end], [(round_one, floor, np.array([1.0, 0.0, 0.0]))], [])
+    assert found.at == pytest.approx([0.0, 5.0, 0.0], abs=1e-6)
+    assert found.off == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_cylinder_that_misses_its_plane_is_moved_as_its_covariance_asks():
+    floor = plane((0, 0, 0), (0, 0, -1))
+    round_one = Surface(kind=CYLINDER, point=np.array([0.0, 0.0, 4.05]), axis=np.array([0.0, 1.0, 0.0]), radius=4.0)
+    at = np.column_stack([np.zeros(5), np.linspace(-8, 8, 5), np.zeros(5)])
+    touch = Touch(chain=0, first=0, second=1, at=at, across=np.tile([1.0, 0.0, 0.0], (5, 1)), most=3.0)
+    sure, unsure = 1e-8, 1e-2
+    covariances = [np.diag([sure, sure, sure]), np.diag([sure, sure, sure, sure, unsure])]
+    (flat, wide), kept = made_to_touch([floor, round_one], covariances, [touch], 0.3)
+    assert len(kept) == 1
+    assert wide.radius == pytest.approx(4.05, abs=2e-3)  # what is known least gives way
+    assert flat.point == pytest.approx(floor.point, abs=1e-3)
+    assert wide.radius + flat.point[2] == pytest.approx(wide.point[2], abs=1e-4)
+
+
+def test_what_does_not_touch_is_left():
+    floor = plane((0, 0, 0), (0, 0, -1))
+    round_one = Surface(kind=CYLINDER, point=np.array([0.0, 0.0, 4.5]), axis=np.array([0.0, 1.0, 0.0]), radius=4.0)
+    at = np.column_stack([np.zeros(5), np.linspace(-8, 8, 5), np.zeros(5)])
+    touch = Touch(chain=0, first=0, second=1, at=at, across=np.tile([1.0, 0.0, 0.0], (5, 1)), most=3.0)
+    made, kept = made_to_touch([floor, round_one], [1e-9 * np.eye(3), 1e-9 * np.eye(5)], [touch], 0.3)
+    assert not kept
+    assert made[1] == round_one
+
+
+def test_a_ring_in_pieces_of_cylinders_is_one_torus():
+    mesh = torus(20.0, 4.0, 96, 24)
+    noisy = TriangleMesh(vertices=mesh.vertices + 0.02 * np.random.default_rng(0).standard_normal(mesh.vertices.shape), faces=mesh.faces)
+    pieces = segmented(noisy, 0.1)
+    assert len(pieces.surfaces) > 3
+    found = with_rings_and_balls(noisy, pieces, 0.1)
+    rings = [s for s in found.surfaces if s.kind == TORUS]
+    assert len(rings) == 1
+    assert (rings[0].radius, rings[0].second) == pytest.approx((20.0, 4.0), abs=0.02)
+
+
+def test_a_ball_that_came_as_a_cylinder_is_a_ball_and_a_cylinder_stays():
+    rounded, _, _ = filleted()
+    mesh = TriangleMesh(vertices=rounded.vertices * 1e3, faces=rounded.faces)
+    patches = segmented(mesh, 0.05)
+    balls = [k for k, s in enumerate(patches.surfaces) if s.kind == SPHERE]
+    wrong = list(patches.surfaces)
+    for k in balls[:2]:
+        wrong[k] = Surface(kind=CYLINDER, point=wrong[k].point, axis=np.array([0.0, 0.0, 1.0]), radius=4.0, sense=wrong[k].sense)
+    found = with_rings_and_balls(mesh, Patches(label=patches.label, surfaces=tuple(wrong)), 0.05)
+    kinds = [s.kind for s in found.surfaces]
+    assert kinds.count(SPHERE) == len(balls)
+    assert kinds.count(CYLINDER) == 12
+
+
+@functools.cache
+def filleted():
+    """A block of 40 x 30 x 20 mm with all its edges rounded by 4 mm: 6 planes, 12 cylinders, 8 balls; its volume by Steiner's formula."""
+    with drawing() as occ:
+        block = occ.addBox(0, 0, 0, 40, 30, 20)
+        occ.synchronize()
+        occ.fillet([block], list(range(1, 13)), [4.0])
+        mesh = triangles(1.5, 1e-3)
+    a, b, c, r = 32.0, 22.0, 12.0, 4.0
+    held = a * b * c + 2 * r * (a * b + b * c + c * a) + np.pi * r**2 * (a + b + c) + 4 / 3 * np.pi * r**3
+    return mesh, held * 1e-9, 1.5e-3
+
+
+@pytest.mark.parametrize("noise", [0.0, 5e-5])
+def test_a_block_rounded_all_over_has_its_26_faces(noise):
+    mesh, held, edge = filleted()
+    at = mesh.vertices + noise * np.random.default_rng(1).standard_normal(mesh.vertices.shape)
+    found = true_solid(TriangleMesh(vertices=at, faces=mesh.faces), at, spacing_m=edge, noise_m=noise)
+    assert found.reason == ""
+    kinds = found.brep.face_kinds
+    assert (kinds.count("plane"), kinds.count("cylinder"), kinds.count("sphere"), len(kinds)) == (6, 12, 8, 26)
+    assert found.brep.volume_m3 == pytest.approx(held, rel=1e-3)
+    back = read_back(found.brep.step)
+    assert (back.is_valid, back.n_solids, back.n_free_edges, len(back.face_area)) == (True, 1, 0, 26)
+
+
+def test_pieces_of_free_form_are_not_traced():
+    mesh, label, _ = labelled((30.0, 20.0, 10.0), 2.0)
+    blobs = [Surface(kind=SPHERE, point=np.array([15.0, 10.0, 5.0]) + k, axis=np.array([0.0, 0.0, 1.0]), radius=60.0) for k in range(6)]
+    found = traced_solid(mesh, label, blobs, small([4] * 6), 1e-3, 2.0)
+    assert found.solid is None
+    assert found.loose > LOOSE
+
+
+def test_a_tube_gets_faces_that_go_all_the_way_round():
+    from OCP.TopAbs import TopAbs_FACE
+
+    with drawing() as occ:
+        occ.cut([(3, occ.addCylinder(0, 0, 0, 0, 0, 30, 12))], [(3, occ.addCylinder(0, 0, -1, 0, 0, 32, 9))])
+        mesh = triangles(2.0)
+    axis, at = np.array([0.0, 0.0, 1.0]), np.zeros(3)
+    surfaces = [
+        Surface(kind=CYLINDER, point=at, axis=axis, radius=12.0), Surface(kind=CYLINDER, point=at, axis=axis, radius=9.0, sense=-1),
+        plane((0, 0, 0), (0, 0, -1)), plane((0, 0, 30), (0, 0, 1)),
+    ]  # fmt: skip
+    off = [np.abs(s.distance(mesh.vertices)).reshape(-1)[mesh.faces].max(1) for s in surfaces]
+    found = traced_solid(mesh, np.argmin(off, axis=0), surfaces, small([5, 5, 3, 3]), 0.1, 2.0)
+    assert is_valid(found.solid)
+    assert len(parts(found.solid, TopAbs_FACE)) == 4
+    assert volume_of(found.solid) == pytest.approx(np.pi * (144 - 81) * 30, rel=1e-9)

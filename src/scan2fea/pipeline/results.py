@@ -209,7 +209,8 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
         row["supported_share"] = made.supported_share
         share = f"{made.supported_share:.0%}" if made.supported_share >= 0.01 else "less than 1 %"
         rests = ["rests on a plane that was"] if made.part.contact.any() else []
-        walls = ["is the other face of walls that were, and whose thickness was measured round about"] if len(made.carried) else []
+        follows = "follows from faces that were: from the thickness of a wall round about, or round the axis of a body of revolution"
+        walls = [follows] if len(made.carried) else []
         row["reason"] += f"; {share} of the surface was not seen: it {' or '.join(rests + walls)}"
     if found.name == "converted" and "new_boundary" in made.how:
         row["reason"] += f"; the surface given could not be repaired ({made.how['new_boundary']}): it is the boundary that fTetWild found"

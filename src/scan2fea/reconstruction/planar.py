@@ -107,17 +107,16 @@ def served(scan: Scan, first: Reconstruction, seed: int = 0) -> tuple[Reconstruc
     """Flat and round faces where they explain the points and close; else the first surface, with the reason in `how`. And those that were refused.
 
     Cylinders are looked for where planes alone do not serve. Where the first surface is refused and sensors are known, what is hidden has led it
-    astray: then sight lines label the cells in its place.
+    astray: then sight lines label the cells in its place, before any cylinder is tried.
     """
     by_lines = bool(failed(first.checks)) and first.source == "sensors"
-    rounds, why = None, ""
+    why = ""
     refused: list[Reconstruction] = []
-    for lines in (False, True) if by_lines else (False,):
-        for is_round in (False, True):
-            if is_round and rounds is None:
-                rounds = rounds_of(scan.cloud.points, first)
-            if is_round != bool(rounds is not None and len(rounds)):
-                continue
+    for is_round in (False, True):
+        rounds = rounds_of(scan.cloud.points, first) if is_round else None
+        if rounds is not None and not len(rounds):
+            continue
+        for lines in (False, True) if by_lines else (False,):
             try:
                 flat = flattened(scan, first, seed, lines, rounds)
             except ReconstructionError as error:

@@ -19,6 +19,8 @@ OFF_SPACING = 0.02
 
 def on_rounds(mesh: TriangleMesh, points: FloatArray, spacing_m: float) -> BoolArray:
     """(n,) which of (n, 3) points lie on three or more flats (mesh.face_region) that are one cylinder as far as the points can tell."""
+    if not len(mesh.faces):  # cylinders alone
+        return np.zeros(len(points), bool)
     region = np.zeros(len(mesh.faces), np.int64) if mesh.face_region is None else np.unique(mesh.face_region, return_inverse=True)[1].ravel()
     nearest = PointToMesh(mesh).nearest(points)
     of, off = region[nearest.face], nearest.distance

@@ -26,12 +26,14 @@ from scan2fea.reconstruction.outside import OutsideOptions
 from scan2fea.reconstruction.ranges import by_ranges, on_surface, ray_sigma
 from scan2fea.reconstruction.raster import Images, images_of
 from scan2fea.reconstruction.sensors import REJECTED, blocked_share, outer_side
+from scan2fea.reconstruction.turned import with_turned
 from scan2fea.reconstruction.unseen import unseen
 from scan2fea.reconstruction.wall_ends import unseen_ends
 from scan2fea.types import Check, FloatArray, PointCloud, Scan, TriangleMesh, Value
 
 LEAST_POINTS = 20
 KNOWN_SHARE = 0.5  # of the measured points must have a sensor for the sensors to lead
+UNSEEN_PLACES = {"round an axis": with_turned, "to the other face of walls": with_opposite}
 DARK_HOLES = "holes that nobody saw"
 SAME_VOLUME = 0.01  # two answers that agree so well are one: what the sensors say against it stands
 
@@ -54,7 +56,7 @@ class Reconstruction(Value):
     each point, nan where no other face is near.   spacing_m, sigma_m : of the raw points.   source : what told outside from inside.
     sensor : what became of the sensor positions.   checks : the gates; a surface that fails one must not be shipped.   how : for the report.
     residual_m : noise left in the surface, where it is known to be less than that of the points; else None.   carried : (k, 3) points that were put
-    on hidden faces of walls, whose thickness is known round about.
+    on hidden faces of walls, whose thickness is known round about, or round the axis of a body of revolution.
     """
 
     mesh: TriangleMesh
@@ -96,7 +98,7 @@ def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> 
     found = _seen(cloud, options, sensors, h)
     if found is None:
         return _unseen(scan, options, "rejected", {})
-    seen = _with_walls(cloud, options, sensors, h, *found) if failed(found[0].checks) else found[0]
+    seen = _with_unseen(cloud, options, sensors, h, *found) if failed(found[0].checks) else found[0]
     if not failed(seen.checks):
         return seen
     try:  # sensors that stand the test can still be too few: one look along a beam grazes all its faces
@@ -140,21 +142,23 @@ def _seen(cloud: PointCloud, options: VisibilityOptions, sensors: FloatArray, sp
     return _result(carved, spacing_m, sigma, "sensors", "known", checks, {"rays_blocked": blocked}), evidence
 
 
-def _with_walls(
+def _with_unseen(
     cloud: PointCloud, options: VisibilityOptions, sensors: FloatArray, spacing_m: float, first: Reconstruction, evidence: Evidence
 ) -> Reconstruction:
-    """The surface again where hidden faces of walls follow from their thickness round about; the first one where that fails no fewer checks."""
-    more = with_opposite(cloud, evidence)
-    if more is None:
-        return first
-    n, k = len(cloud), len(more) - len(cloud)
-    try:
-        found = _seen(more, options, np.concatenate([sensors, np.full((k, 3), np.nan)]), spacing_m)
-    except ReconstructionError:  # the first surface is one, and says what is against it
-        return first
-    if found is None or len(failed(found[0].checks)) >= len(failed(first.checks)):
-        return first
-    return _first_rows(replace(found[0], carried=more.points[n:], how={**found[0].how, "n_carried": k}), n)
+    """The surface again with what follows from what was seen: gaps of a body of revolution, hidden faces of walls. That which fails fewest checks."""
+    best, n = first, len(cloud)
+    for name, put in UNSEEN_PLACES.items():
+        more = put(cloud, evidence) if failed(best.checks) else None
+        if more is None:
+            continue
+        k = len(more) - n
+        try:
+            found = _seen(more, options, np.concatenate([sensors, np.full((k, 3), np.nan)]), spacing_m)
+        except ReconstructionError:  # the first surface is one, and says what is against it
+            continue
+        if found is not None and len(failed(found[0].checks)) < len(failed(best.checks)):
+            best = _first_rows(replace(found[0], carried=more.points[n:], how={**found[0].how, "n_carried": k, "carried": name}), n)
+    return best
 
 
 def _ends(seen: Reconstruction, evidence: Evidence) -> tuple[Ends, ...]:

@@ -244,7 +244,7 @@ def _traced(
     lost = unexplained(mesh, patches, reach, near.face, near.density)
     if lost > UNEXPLAINED or not 2 <= len(patches.surfaces) <= MAX_TRACED:
         return no_solid(_refused(patches, lost) or f"{len(patches.surfaces)} surfaces, more than {MAX_TRACED}")
-    fits, snaps, _ = fits_of(mesh, points, patches, scale, stands)
+    fits, snaps, _ = fits_of(mesh, points, patches, scale, stands, radii=False)
     middle = (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2
     mm = MILLIMETRES_PER_METRE
     local = TriangleMesh(vertices=(mesh.vertices - middle) * mm, faces=mesh.faces)

@@ -51,10 +51,12 @@ def no_solid(reason: str) -> Trued:
 
 
 def fits_of(
-    mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: Scale, stands: Sequence[Resting] = ()
+    mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: Scale, stands: Sequence[Resting] = (), *, radii: bool = True
 ) -> tuple[list[Fit], tuple[Snap, ...], bool]:
     """The surfaces fitted to the measured points of their regions, away from borders, with relations applied. One with too few points stays as the
     vertices of its patch have it; the last value tells whether there was none.
+
+    radii : relations between radii too. What touches tells them better: of a quarter of a turn on its own they are known to a tenth.
     """
     used = points[sampled_rows(len(points), FIT_POINTS, 0)]
     inner = inner_faces(mesh, patches.label)
@@ -73,7 +75,7 @@ def fits_of(
         fit = simplest(surface, own, scale.size_m, flat) if len(own) >= LEAST_POINTS else None
         is_whole = is_whole and fit is not None
         fits.append(fit or _of_vertices(surface, mesh.vertices[np.unique(mesh.faces[patches.label == k])], scale))
-    out, snaps = snapped(fits)
+    out, snaps = snapped(fits, radii=radii)
     return out, tuple(snaps), is_whole
 
 

@@ -43,6 +43,7 @@ from scan2fea.estimation.given import Given, Told, compared, joint_p_value, told
 from scan2fea.estimation.holes import Covers
 from scan2fea.estimation.mirrored import told_toes
 from scan2fea.estimation.prismatic import is_prismatic
+from scan2fea.estimation.ray_noise import freed_of_ray_noise
 from scan2fea.estimation.ray_voids import in_sheets
 from scan2fea.estimation.reach import end_rows, reach
 from scan2fea.estimation.rim import BAR_OF, hollow, is_unsure, with_rim
@@ -147,6 +148,8 @@ def fit_member(
         if by_rays and fixed:
             p_fixed, given = compared_by_rays(scan, member, fixed, options.seed)
             found = dataclasses.replace(found, p_fixed=p_fixed, given=given)
+    if found.method == "density" and found.explains and not inside:
+        found = dataclasses.replace(found, member=freed_of_ray_noise(scan, found.member, found.section.face_weight, options.seed))
     member = dataclasses.replace(found.member, inside=inside_of(points, found.member), told_toes=told_toes(points, found.member))
     more = ends_show_more(points, member) if found.explains else ""
     return dataclasses.replace(found, member=member, explains=found.explains and not more, reason=more or found.reason)

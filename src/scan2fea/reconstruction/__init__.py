@@ -14,6 +14,7 @@ from scan2fea.reconstruction.advancing_front import FrontOptions, advancing_fron
 from scan2fea.reconstruction.ball_pivoting import PivotOptions, ball_pivoting
 from scan2fea.reconstruction.open_sheet import open_sheet
 from scan2fea.reconstruction.planar import planar, served
+from scan2fea.reconstruction.plugged import unplugged
 from scan2fea.reconstruction.poisson import poisson
 from scan2fea.reconstruction.rounded import served_smooth
 from scan2fea.reconstruction.scale_space import ScaleSpaceOptions, scale_space
@@ -56,6 +57,7 @@ def reconstruct(scan: Scan, options: ReconstructionOptions = ReconstructionOptio
         found, flats = served(fewer, found, options.seed)
     found = served_smooth(fewer, found) if options.smooth else found
     found = served_sharp(fewer, found) if options.flat else found
+    found = unplugged(fewer, found, flats, options.seed)
     return contradicted(fewer, found, flats, options.seed)  # asked of what is shipped: led out edges may have mended the rest
 
 

@@ -63,15 +63,24 @@ class Discs(Value):
 
     def passed(self, sight: Sight) -> BoolArray:
         """(k,) those through which a sight line crosses the middle of the wall and ends deeper than one that meets the face may seem to."""
+        deep = 0.5 * self.wall_m - sight.skin_m
+        return self._crossed(sight, 0.5 * self.wall_m, 1.0, deep) | self._crossed(sight, 0.5 * self.wall_m, -1.0, deep)
+
+    def entered(self, sight: Sight) -> BoolArray:
+        """(k,) those into which a sight line leads through either face of the wall and ends below its skin."""
+        skin = np.full(len(self.radius), -sight.skin_m)
+        return self._crossed(sight, np.zeros(len(skin)), 1.0, skin) & self._crossed(sight, self.wall_m, -1.0, skin)
+
+    def _crossed(self, sight: Sight, depth_m: FloatArray, side: float, below_m: FloatArray) -> BoolArray:
+        """(k,) does a line cross the circle, moved so deep into the wall, towards -side, and end beyond it, no higher than `below_m` over it?"""
         out = np.zeros(len(self.radius), bool)
-        for k, (normal, wall, radius) in enumerate(zip(self.normal, self.wall_m, self.radius, strict=True)):
-            heart = self.middle[k] - 0.5 * wall * normal
-            for side in (1.0, -1.0):
-                start, end = side * ((sight.origin - heart) @ normal), side * ((sight.target - heart) @ normal)
-                rows = np.flatnonzero((start > 0.0) & (end < 0.0) & (end < 0.5 * wall - sight.skin_m))
-                share = (start[rows] / (start[rows] - end[rows]))[:, None]
-                crossing = sight.origin[rows] + share * (sight.target[rows] - sight.origin[rows])
-                out[k] |= bool((np.linalg.norm(crossing - heart, axis=1) <= radius).any())
+        for k, (normal, radius) in enumerate(zip(self.normal, self.radius, strict=True)):
+            heart = self.middle[k] - depth_m[k] * normal
+            start, end = side * ((sight.origin - heart) @ normal), side * ((sight.target - heart) @ normal)
+            rows = np.flatnonzero((start > 0.0) & (end < 0.0) & (end < below_m[k]))
+            share = (start[rows] / (start[rows] - end[rows]))[:, None]
+            crossing = sight.origin[rows] + share * (sight.target[rows] - sight.origin[rows])
+            out[k] = bool((np.linalg.norm(crossing - heart, axis=1) <= radius).any())
         return out
 
     def of(self, chosen: BoolArray) -> Discs:

@@ -14,7 +14,19 @@ from scan2fea.kernel.measures import face_normals
 from scan2fea.reconstruction.budget import VOLUME_IN_DOUBT, volume_in_doubt
 from scan2fea.reconstruction.evidence import Evidence, Unseen, scatter_m, wall_m
 from scan2fea.reconstruction.gates_outside import both_faces, cut_agrees, gaps_entered, open_inside, signs_agree, winding_agrees
-from scan2fea.reconstruction.gates_surface import coverage, deviation, merged, mixed, patch_moments, resolution, rims, sheet, solid_core, stray
+from scan2fea.reconstruction.gates_surface import (
+    afloat,
+    coverage,
+    deviation,
+    merged,
+    mixed,
+    patch_moments,
+    resolution,
+    rims,
+    sheet,
+    solid_core,
+    stray,
+)
 from scan2fea.reconstruction.hidden_volume import REACH, REACH_UNSEEN, hidden_volume
 from scan2fea.reconstruction.wall_ends import wall_ends
 from scan2fea.types import Check
@@ -66,6 +78,7 @@ def gates_unseen(evidence: Evidence, unseen: Unseen) -> tuple[Check, ...]:
         *rims(evidence),
         deviation(nearest.distance, DEVIATION_UNSEEN * (sigma + least)),
         stray(points, nearest.distance, STRAY_SIGMAS * sigma + STRAY_SPACINGS * evidence.spacing_m),
+        afloat(evidence.mesh, points, nearest.distance, evidence.spacing_m, sigma),
         merged(*moments, least),
         *solid_core(unseen.flood, *moments, least),
     )
@@ -87,7 +100,7 @@ def gates_again(evidence: Evidence, before: tuple[Check, ...], seen: bool) -> tu
         wall_ends(evidence),
         deviation(distance, (DEVIATION_SEEN if seen else DEVIATION_UNSEEN) * (sigma + least)),
         stray(points, distance, STRAY_SIGMAS * sigma + STRAY_SPACINGS * evidence.spacing_m),
-        *(() if seen else winding_agrees(evidence)),
+        *(() if seen else (*winding_agrees(evidence), afloat(evidence.mesh, points, distance, evidence.spacing_m, sigma))),
     )
     names = {VOLUME_IN_DOUBT, *(check.name for check in asked)}
     return in_all(*asked, *(check for check in before if check.name not in names))

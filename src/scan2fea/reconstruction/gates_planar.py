@@ -20,7 +20,7 @@ from scan2fea.reconstruction.flat_gaps import flat_ends, hidden_volume_flat
 from scan2fea.reconstruction.gates import in_all
 from scan2fea.reconstruction.gates_outside import GAPS_ENTERED
 from scan2fea.reconstruction.gates_round import one_region, out_of_round, rolled, round_distance
-from scan2fea.reconstruction.gates_surface import deviation, mean_curvature, stray
+from scan2fea.reconstruction.gates_surface import afloat, deviation, mean_curvature, stray
 from scan2fea.reconstruction.plane_growing import Planes, tolerance_m
 from scan2fea.reconstruction.round_cuts import Shapes
 from scan2fea.reconstruction.round_growing import CHORD
@@ -94,6 +94,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
         *_inherited(first, by_lines),
         deviation(off, 2.5 * sigma + 0.125 * h),
         stray(measured, off, 3.0 * sigma + 0.5 * h),
+        afloat(mesh, measured, off, h, sigma),
         hidden_volume_flat(whole, backed, h, unrolled),
         *((flat_ends(whole, backed, h, unrolled), blocked_lines(scan, mesh, h, sigma)) if by_lines else ()),
         bare_faces(whole, cloud.points, scan.sensors(), h),

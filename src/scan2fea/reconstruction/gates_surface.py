@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.special import bdtrc
 
 from scan2fea.kernel.coverage import unmeasured_share
+from scan2fea.kernel.distances import signed_distance
 from scan2fea.kernel.measures import face_areas, face_normals, volume
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.topology import edge_table, half_edges
@@ -26,6 +28,8 @@ REACH_SPACINGS, REACH_SIGMAS = 3.0, 3.0  # a place with no measured point of its
 INFERRED = 0.55  # of the area: the hidden face of a plate that lies on a table is a little less than half
 MIXED_SHARE = 0.05  # of the volume that such points may take from walls
 STRAY = 0.01
+AFLOAT, AFLOAT_SIGMAS = 0.5, 3.0  # spacings, and of the noise: a point farther off the surface is none of its own
+AFLOAT_CHANCE = 0.0025  # that so many of those are inside
 MERGED, MERGED_KURTOSIS = 0.02, 1.6  # two sheets in one: residuals of two values have kurtosis 1, a normal distribution 3
 CORE_KURTOSIS = 2.3  # two sheets +-t/2 with noise 0.3 t: 1.9; one sheet: 2.8 over 32 points
 
@@ -161,6 +165,21 @@ def stray(points: FloatArray, distance: FloatArray, far: float) -> Check:
     share = float(np.mean(beyond))
     says = f"{share:.1%} of the points lie farther than {mm(far)} from the surface (limit {STRAY:.0%}){around(points[beyond])}: a part was lost, "
     return at_most("stray points", share, STRAY, says + "or the cloud holds points that are not the object's")
+
+
+def afloat(mesh: TriangleMesh, points: FloatArray, distance: FloatArray, spacing_m: float, sigma_m: float) -> Check:
+    """Of the points (n, 3) far off the surface, are more inside than outside? Strays may lie on either side, what was seen of a hollow within only.
+
+    The limit is the count that chance puts inside once in AFLOAT_CHANCE (binomial, a half): eight of nine.
+    """
+    off = points[distance > AFLOAT * spacing_m + AFLOAT_SIGMAS * sigma_m]
+    inside = signed_distance(off, mesh) < 0 if len(off) else np.zeros(0, bool)
+    n, most = int(inside.sum()), int(np.argmax(bdtrc(np.arange(len(off) + 1), len(off), 0.5) < AFLOAT_CHANCE))
+    says = (
+        f"{n} points lie inside the solid, far from its surface, and {len(off) - n} outside (limit {most} of {len(off)})"
+        f"{around(off[inside])}: it may be hollow there, seen through an opening"
+    )
+    return at_most("points afloat inside", float(n), float(most), says)
 
 
 def patch_moments(points: FloatArray, normals: FloatArray, signed: FloatArray) -> tuple[FloatArray, FloatArray]:

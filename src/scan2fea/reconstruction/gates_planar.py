@@ -27,6 +27,7 @@ from scan2fea.reconstruction.round_growing import CHORD
 from scan2fea.reconstruction.rounds import on_rounds
 from scan2fea.reconstruction.sight import Sight, blocked_lines
 from scan2fea.reconstruction.visibility import DARK_HOLES, Reconstruction
+from scan2fea.reconstruction.wall_ends import ends_left
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, Scan, TriangleMesh
 
 UNEXPLAINED = 0.01  # of the points may lie on none of the flat faces
@@ -91,7 +92,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
             f"sight lines pass through {apart:.1%} of the flat solid (limit {APART:.0%})" if by_lines else
             f"the flat solid and the surface it came from differ by {apart:.1%} of the volume more than edges explain (limit {APART:.0%})",
         ),
-        *_inherited(first, by_lines),
+        *_inherited(first, mesh, by_lines),
         deviation(off, 2.5 * sigma + 0.125 * h),
         stray(measured, off, 3.0 * sigma + 0.5 * h),
         afloat(mesh, measured, off, h, sigma),
@@ -114,10 +115,14 @@ def _scatter(name: str, off: FloatArray, limit: float, sigma_m: float) -> Check:
     return at_most(name, scatter, limit, says, "m")
 
 
-def _inherited(first: Reconstruction, by_lines: bool) -> tuple[Check, ...]:
-    """What was said of the first surface, but for what is measured again on the flat one, or cured: what noise and spacing do to edges."""
-    cured = CURED | {WALL_ENDS} if by_lines else CURED
-    return tuple(check for check in first.checks if check.name not in cured)
+def _inherited(first: Reconstruction, mesh: TriangleMesh, by_lines: bool) -> tuple[Check, ...]:
+    """What was said of the first surface, but for what is measured again on the flat one, or cured: what noise and spacing do to edges.
+
+    Ends of walls without points that it was refused for are ends where the flat solid has them too; it may go on across the gap.
+    """
+    cured = CURED | {WALL_ENDS} if by_lines or first.ends else CURED
+    left = tuple(check for check in first.checks if check.name not in cured)
+    return left if by_lines or not first.ends else (*left, ends_left(first.ends, mesh, first.spacing_m, first.sigma_m))
 
 
 def _open_m3(whole: TriangleMesh, every: Shapes) -> float:

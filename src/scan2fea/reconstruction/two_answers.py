@@ -28,6 +28,7 @@ DIFFER = "solid and first surface"  # the gate of the flat solid that compares t
 # of these none is about where points lie
 WHERE = frozenset({DIFFER, HIDDEN_VOLUME, WALL_ENDS, BARE_FACES, EMPTY_PLACES, UNSEEN_WALLS, VOLUME_IN_DOUBT, "unmeasured area"})
 CUT = math.sqrt(RIM_CUT)  # spacings that a square edge lies before the chord which cuts RIM_CUT square spacings off it
+SENSORS, FLOOD = "sensors", "outside flood"  # what told the outside
 PLACES = 4000  # in the flat solid: 2 % of them are known to 0.2
 MOST_DRAWN = 2_000_000
 
@@ -35,15 +36,15 @@ MOST_DRAWN = 2_000_000
 def contradicted(scan: Scan, found: Reconstruction, flats: Sequence[Reconstruction], seed: int = 0) -> Reconstruction:
     """The free form, with a check of where flat solids that hold all its points say otherwise, and nobody saw.
 
-    flats : solids of flat faces through the same points, refused. Without sight lines a hole that was scanned is told from a corner that was not by
-    nothing: then nothing is said here.
+    flats : solids of flat faces through the same points, refused. Points on the wall of a hole lie on none of the faces of a solid that closes it, so
+    that one which holds all points tells of no hole that was scanned, with sight lines or without.
     """
-    if found.source != "sensors" or failed(found.checks) or found.how["method"] == "planar":
+    if found.source not in (SENSORS, FLOOD) or failed(found.checks) or found.how["method"] == "planar":
         return found
     holding = [flat for flat in flats if WHERE.issuperset(check.name for check in failed(flat.checks))]
-    told = [
-        apart(scan, found, flat.mesh, seed) for flat in holding if blocked_lines(scan, flat.mesh, found.spacing_m, found.sigma_m).passed
-    ]
+    if found.source == SENSORS:
+        holding = [flat for flat in holding if blocked_lines(scan, flat.mesh, found.spacing_m, found.sigma_m).passed]
+    told = [apart(scan, found, flat.mesh, seed) for flat in holding]
     if not told:
         return found
     others = (check for check in found.checks if check.name != VOLUME_IN_DOUBT)
@@ -51,13 +52,14 @@ def contradicted(scan: Scan, found: Reconstruction, flats: Sequence[Reconstructi
 
 
 def apart(scan: Scan, found: Reconstruction, flat: TriangleMesh, seed: int = 0) -> Check:
-    """How much lies in one solid and outside the other, deeper than spacing cuts edges and noise moves faces, where no sight line passes?"""
-    far, sight = CUT * found.spacing_m + found.sigma_m, Sight.of(scan, found, seed)
+    """How much lies in one solid and outside the other, deeper than spacing cuts edges and noise moves faces, where no known sight line passes?"""
+    far = CUT * found.spacing_m + found.sigma_m
+    sight = Sight.of(scan, found, seed) if found.source == SENSORS else None
     body, unseen_m3, where = abs(volume(flat)), 0.0, []
     for one, other in ((flat, found.mesh), (found.mesh, flat)):
         places = inner_places(one, seed)
         deep = places[signed_distance(places, other) > far]
-        where.append(deep[~sight.passes(deep)])
+        where.append(deep if sight is None else deep[~sight.passes(deep)])
         unseen_m3 += abs(volume(one)) * len(where[-1]) / max(len(places), 1)
     share = unseen_m3 / body
     says = (

@@ -56,7 +56,8 @@ class Reconstruction(Value):
     each point, nan where no other face is near.   spacing_m, sigma_m : of the raw points.   source : what told outside from inside.
     sensor : what became of the sensor positions.   checks : the gates; a surface that fails one must not be shipped.   how : for the report.
     residual_m : noise left in the surface, where it is known to be less than that of the points; else None.   carried : (k, 3) points that were put
-    on hidden faces of walls, whose thickness is known round about, or round the axis of a body of revolution.
+    on hidden faces of walls, whose thickness is known round about, or round the axis of a body of revolution.   ends : of walls without points, where
+    a gate refuses the surface for them.
     """
 
     mesh: TriangleMesh
@@ -71,6 +72,7 @@ class Reconstruction(Value):
     how: Mapping[str, float | str]
     residual_m: float | None = None
     carried: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
+    ends: tuple[Ends, ...] = ()
 
 
 def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> Reconstruction:
@@ -104,7 +106,7 @@ def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> 
     try:  # sensors that stand the test can still be too few: one look along a beam grazes all its faces
         why: dict[str, float | str] = {"with_sensors": "; ".join(check.name for check in failed(seen.checks))}
         hidden = hidden_points(seen.mesh, cloud.points, h, options.seed)
-        blind = _unseen(scan, options, "rejected", why, hidden, _ends(seen, found[1]))
+        blind = _unseen(scan, options, "rejected", why, hidden, seen.ends)
     except ReconstructionError:
         return seen
     fewer = len(failed(blind.checks)) < len(failed(seen.checks))
@@ -139,7 +141,8 @@ def _seen(cloud: PointCloud, options: VisibilityOptions, sensors: FloatArray, sp
         sensors=sensors,
     )
     checks = (*gates_seen(evidence, carved.labels.held), *dark_holes(carved.resolved.n_dark))
-    return _result(carved, spacing_m, sigma, "sensors", "known", checks, {"rays_blocked": blocked}), evidence
+    found = _result(carved, spacing_m, sigma, "sensors", "known", checks, {"rays_blocked": blocked})
+    return replace(found, ends=_ends(checks, evidence)), evidence
 
 
 def _with_unseen(
@@ -161,9 +164,9 @@ def _with_unseen(
     return best
 
 
-def _ends(seen: Reconstruction, evidence: Evidence) -> tuple[Ends, ...]:
-    """Ends of walls without points that the surface by the sensors was refused for."""
-    return (unseen_ends(evidence),) if WALL_ENDS in (check.name for check in failed(seen.checks)) else ()
+def _ends(checks: tuple[Check, ...], evidence: Evidence) -> tuple[Ends, ...]:
+    """Ends of walls without points, of this surface and of those before it, where it was refused for them."""
+    return (unseen_ends(evidence), *evidence.ends_before) if WALL_ENDS in (check.name for check in failed(checks)) else ()
 
 
 def _unseen(
@@ -192,7 +195,7 @@ def _unseen(
     flood = answer.flood
     facts = {**how, "ball_m": flood.ball_m, "leak_share": flood.leak_share, "n_cavities": flood.n_cavities, "n_answers": answer.n_tried}
     found = _result(answer.carved, spacing(cloud.points, options.seed), answer.evidence.sigma_m, "outside flood", sensor, answer.checks, facts)
-    return _first_rows(found, len(cloud))
+    return _first_rows(replace(found, ends=_ends(answer.checks, answer.evidence)), len(cloud))
 
 
 def _first_rows(found: Reconstruction, n: int) -> Reconstruction:

@@ -61,12 +61,21 @@ def wall_ends(evidence: Evidence, limit: float = LIMIT) -> Check:
     An end of length P round a hole encloses at most P^2 / (4 pi) of wall, at an edge twice that, at a corner four times; where more than half of an
     end that the whole part lies behind has no points, anything may be beyond. Where sight lines pass beyond an end it may reach as far as these.
     """
-    told = max((unseen_ends(evidence), *(_still_there(ends, evidence) for ends in evidence.ends_before)), key=lambda ends: ends.share)
+    before = (_still_there(ends, evidence.mesh, evidence.spacing_m, evidence.sigma_m) for ends in evidence.ends_before)
+    return _told(max((unseen_ends(evidence), *before), key=lambda ends: ends.share), limit)
+
+
+def ends_left(ends: tuple[Ends, ...], mesh: TriangleMesh, spacing_m: float, sigma_m: float) -> Check:
+    """How much may hide beyond the ends of walls that other surfaces through the same points had, where this one has them too?"""
+    return _told(max((_still_there(own, mesh, spacing_m, sigma_m) for own in ends), key=lambda own: own.share), LIMIT)
+
+
+def _told(ends: Ends, limit: float) -> Check:
     says = (
-        f"{told.share:.0%} of the volume may hide beyond ends of walls where no point was measured (limit {limit:.0%}){around(told.places)}: "
+        f"{ends.share:.0%} of the volume may hide beyond ends of walls where no point was measured (limit {limit:.0%}){around(ends.places)}: "
         "the scan may end there, not the wall; scan the edges too, or fit the member"
     )
-    return at_most(WALL_ENDS, told.share, limit, says)
+    return at_most(WALL_ENDS, ends.share, limit, says)
 
 
 def unseen_ends(evidence: Evidence) -> Ends:
@@ -91,12 +100,12 @@ def unseen_ends(evidence: Evidence) -> Ends:
     )
 
 
-def _still_there(ends: Ends, evidence: Evidence) -> Ends:
-    """What these ends tell where this surface lies on them too: what may hide goes with the square of their length.
+def _still_there(ends: Ends, mesh: TriangleMesh, spacing_m: float, sigma_m: float) -> Ends:
+    """What these ends tell where a surface lies on them too: what may hide goes with the square of their length.
 
     A surface that closes a notch, or opens it farther, leaves them.
     """
-    on = PointToMesh(evidence.mesh).nearest(ends.places).distance <= ON * evidence.spacing_m + evidence.sigma_m
+    on = PointToMesh(mesh).nearest(ends.places).distance <= ON * spacing_m + sigma_m
     n = len(ends.shares)
     part = np.bincount(ends.of, on, n) / np.maximum(np.bincount(ends.of, minlength=n), 1)
     return Ends(shares=ends.shares * part**2, places=ends.places[on], of=ends.of[on])

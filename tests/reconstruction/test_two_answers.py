@@ -12,6 +12,7 @@ from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.planar import served
 from scan2fea.reconstruction.two_answers import CUT, PLACES, apart, contradicted, inner_places
 from scan2fea.simulation.polyhedra import meshed, prism
+from scan2fea.types import PointCloud, Scan
 from scanned import scan_of, scanned
 
 T, H = 0.15, 0.04
@@ -40,12 +41,21 @@ def test_a_corner_that_was_not_scanned_is_told_by_the_planes_that_carry_it_on():
     assert FLAT_INSTEAD in [check.name for check in failed(reconstruct(scan).checks)]
 
 
-def test_nothing_is_said_of_what_is_refused_already_nor_without_sensors():
+def test_without_sensors_the_planes_that_hold_all_points_tell_it_too():
+    """Points on the wall of a hole that was scanned would lie beside their faces."""
+    cut = without_a_corner(0.09)
+    first, flats = served(cut, visibility(cut))
+    told = contradicted(Scan(cloud=PointCloud.of(cut.cloud.points)), replace(first, source="outside flood"), flats)
+    check = {check.name: check for check in told.checks}[FLAT_INSTEAD]
+    assert not check.passed and 0.02 < check.value < 0.09
+
+
+def test_nothing_is_said_of_what_is_refused_already_nor_of_images():
     cut = without_a_corner(0.09)
     first, flats = served(cut, visibility(cut))
     assert contradicted(cut, first, ()) is first
-    blind = replace(first, source="outside flood")
-    assert contradicted(cut, blind, flats) is blind
+    images = replace(first, source="ranges")
+    assert contradicted(cut, images, flats) is images
     bad = replace(first, checks=(replace(first.checks[0], passed=False), *first.checks[1:]))
     assert contradicted(cut, bad, flats) is bad
     flat = replace(first, how={**first.how, "method": "planar"})

@@ -118,11 +118,13 @@ def _scatter(name: str, off: FloatArray, limit: float, sigma_m: float) -> Check:
 def _inherited(first: Reconstruction, mesh: TriangleMesh, by_lines: bool) -> tuple[Check, ...]:
     """What was said of the first surface, but for what is measured again on the flat one, or cured: what noise and spacing do to edges.
 
-    Ends of walls without points that it was refused for are ends where the flat solid has them too; it may go on across the gap.
+    Ends of walls without points that it was refused for are ends where the flat solid has them too; it may go on across the gap. Where sensors are
+    known cells labelled by sight lines come next, which are asked more.
     """
-    cured = CURED | {WALL_ENDS} if by_lines or first.ends else CURED
+    again = bool(first.ends) and first.source != "sensors"
+    cured = CURED | {WALL_ENDS} if by_lines or again else CURED
     left = tuple(check for check in first.checks if check.name not in cured)
-    return left if by_lines or not first.ends else (*left, ends_left(first.ends, mesh, first.spacing_m, first.sigma_m))
+    return (*left, ends_left(first.ends, mesh, first.spacing_m, first.sigma_m)) if again else left
 
 
 def _open_m3(whole: TriangleMesh, every: Shapes) -> float:

@@ -5,6 +5,7 @@ import pytest
 
 from predicates import assert_closed_manifold_oriented, assert_no_crossing, moved, rotation
 from scan2fea.errors import ReconstructionError
+from scan2fea.kernel.arrangement import Arrangement
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.surfaces import CYLINDER, Surface
@@ -16,7 +17,7 @@ from scan2fea.reconstruction.gates_round import out_of_round
 from scan2fea.reconstruction.pictures import Rolled
 from scan2fea.reconstruction.planar import arranged
 from scan2fea.reconstruction.plane_growing import Planes, grow_planes
-from scan2fea.reconstruction.round_cuts import facets, shapes
+from scan2fea.reconstruction.round_cuts import cut_round, facets, shapes
 from scan2fea.reconstruction.round_gaps import between
 from scan2fea.reconstruction.round_growing import Rounds, grow_rounds
 from scan2fea.reconstruction.rounds import on_rounds
@@ -177,6 +178,24 @@ def test_cylinders_that_would_cut_space_to_dust_are_given_up(monkeypatch):
     monkeypatch.setattr("scan2fea.reconstruction.round_cuts.MOST_CELLS", 100)
     with pytest.raises(ReconstructionError, match="more than 100 pieces"):
         arranged(points, every, 0.1, 0.0)
+
+
+def test_a_thin_wall_between_two_cylinders_is_one_cell_all_round():
+    """Of the pieces beside a bore some lie within the outer cylinder whole: they are of its wall all the same."""
+    for outer in (0.0215, 0.023, 0.03):
+        rounds = Rounds(surfaces=(_cylinder(0.02, -1), _cylinder(outer)), label=np.zeros(0, np.int64), std_m=np.full(2, 1e-6))
+        none = Planes(normal=np.zeros((0, 3)), offset=np.zeros(0), label=np.zeros(0, np.int64), std_m=np.zeros(0))
+        every = shapes(np.zeros((0, 3)), none, rounds, 0.0015)
+        middle = rounds.surfaces[0].point
+        space = Arrangement(every.planes.normal, every.planes.offset, middle - 0.1, middle + 0.1)
+        group = [0]
+        for number in range(2):
+            group = cut_round(space, every, number, list(range(space.n_cells)), group)
+        angle = np.linspace(0, 2 * np.pi, 720)
+        for radius in (0.01, 0.5 * (0.02 + outer), 0.04):
+            places = middle + radius * np.column_stack([np.cos(angle), np.sin(angle)]) @ rounds.surfaces[0].frame()
+            assert len(np.unique(np.array(group)[space.located(places)])) == 1
+        assert len(np.unique(group)) == 3
 
 
 def test_a_solid_of_cylinders_alone_has_no_flats_that_are_round():

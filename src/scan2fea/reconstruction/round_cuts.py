@@ -89,10 +89,8 @@ def cut_round(space: Arrangement, every: Shapes, number: int, cells: list[int], 
             require(space.n_cells <= MOST_CELLS, ReconstructionError, says)
             if not within:
                 break
-        without = set(range(before, space.n_cells)) | {c}
-        without -= set(within)
         out += [out[c]] * (space.n_cells - before)
-        if without and within:
+        if within:  # a piece that lies within whole goes with those that are cut
             number_within = new.setdefault(out[c], max(out) + 1)
             for k in within:
                 out[k] = number_within

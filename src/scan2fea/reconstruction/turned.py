@@ -77,6 +77,8 @@ def with_turned(cloud: PointCloud, evidence: Evidence) -> PointCloud | None:
     if axis is None:
         return None
     near = _Near.of(axis, points, normals, NEAR * evidence.spacing_m + NEAR_SIGMAS * evidence.sigma_m)
+    if np.bincount(near.one).max() < FEW:
+        return None
     stations = _stations(near, evidence.thickness_m[measured], evidence.spacing_m)
     places, out, of = _missing(axis, evidence, points, near, stations)
     keep = _unseen(places, out, of, stations, evidence)
@@ -200,7 +202,9 @@ class _Stations(Value):
 def _stations(near: _Near, thickness_m: FloatArray, spacing_m: float) -> _Stations:
     foot = near.at - near.height[:, None] * near.normal
     # where it ends, points have few neighbours: stations begin there
-    order = np.argsort(np.bincount(near.one), kind="stable")
+    count = np.bincount(near.one)
+    order = np.argsort(count, kind="stable")
+    order = order[count[order] >= FEW]  # of fewer the normal is not known
     chosen = order[_apart(np.concatenate([foot, spacing_m * near.normal], axis=1)[order], STEP * spacing_m)]
     at, normal = foot[chosen], near.normal[chosen]
     tree = cKDTree(foot)

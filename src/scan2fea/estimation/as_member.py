@@ -16,7 +16,7 @@ from scan2fea.estimation.ends import Ends, find_ends
 from scan2fea.estimation.explain import Explanation
 from scan2fea.estimation.fit import SectionFit
 from scan2fea.estimation.observability import KERNEL_SPREAD, RELATIVE, RESOLVED, thickness_observable
-from scan2fea.estimation.outline import section_distance
+from scan2fea.estimation.outline import outline_distance, section_distance
 from scan2fea.estimation.reach import Reach
 from scan2fea.estimation.swept import Sweep, sweep_of_member
 from scan2fea.estimation.two_sided import blended
@@ -25,6 +25,7 @@ from scan2fea.kernel.section_likelihood import face_lengths, faces
 from scan2fea.kernel.sections import ROUND, section, section_area
 from scan2fea.types import BoolArray, FloatArray, Member, Parameter
 
+_CELLS = 200  # across the section, to measure areas
 _UNSEEN = 0.05  # points per metre against the densest face: what noise carries over from its neighbours
 _REACH = "it is only how far the scan reaches: no two faces that were seen fix it"
 BLENDED = "its two faces do not stand apart: one face under wider noise explains the points too"
@@ -86,11 +87,29 @@ def ends_of(coordinates: FloatArray, fit: SectionFit, span: tuple[float, float],
         near = near[section_distance(fit.family, values, near[:, :2], filled=True) > -fit.value("t")]
     lengths = face_lengths(fit.family, fit.values)
     seen = np.minimum(fit.face_weight, 1.0) if len(fit.face_weight) == len(lengths) else np.ones(len(lengths))
+    thinnest = min((fit.value(wall) for wall in walls(fit.family)), default=0.0)
+    apart = not outside and fit.family not in ROUND and thinnest > 2 * _OUTER_SIGMAS * fit.sigma_m  # else nobody knows whose a point is
+    hidden = (seen < _UNSEEN) & apart
+    near, share = _off_hidden(fit, near, hidden) if hidden.any() else (near, 1.0)
     perimeter = float(lengths @ seen)
-    area = section_area(section(fit.family, dict(zip(fit.names, fit.values.tolist(), strict=True))))
+    area = share * section_area(section(fit.family, dict(zip(fit.names, fit.values.tolist(), strict=True))))
     box = float(np.prod(np.maximum(np.ptp(near[:, :2], axis=0), 1e-300))) if len(near) else 1.0
-    look = partial(across, fit.family, fit.values, fit.sigma_m, fit.noise, seen, box)
+    look = partial(across, fit.family, fit.values, fit.sigma_m, fit.noise, seen, box, share=share)
     return find_ends(near, fit.sigma_m, span, area / perimeter if perimeter > 0 else 0.0, look, vague=vague)
+
+
+def _off_hidden(fit: SectionFit, points: FloatArray, hidden: BoolArray) -> tuple[FloatArray, float]:
+    """The points (n, 3) that lie nearer to a face that was seen than to a `hidden` (f,) one, and the share of the section's area that does.
+
+    From the side a hidden face is seen past the edge of a flange, but only near the end: its points lie there as those of an end face would.
+    """
+    shape = section(fit.family, dict(zip(fit.names, fit.values.tolist(), strict=True)))
+    low, high = (one(np.concatenate(shape.loops), axis=0) for one in (np.min, np.max))
+    cells = np.stack(np.meshgrid(*(np.linspace(a, b, 2 * _CELLS + 1)[1::2] for a, b in zip(low, high, strict=True))), -1).reshape(-1, 2)
+    distance, edge, _ = outline_distance(shape, cells)
+    within = distance < 0
+    share = float((~hidden[edge] & within).sum()) / max(int(within.sum()), 1)
+    return points[~hidden[outline_distance(shape, points[:, :2])[1]]], max(share, _UNSEEN)
 
 
 def _outer_half(fit: SectionFit, wall_m: float) -> SectionFit:

@@ -59,11 +59,16 @@ class Across(Value):
         return replace(self, side=(1 - share) * self.side + share * self.cap)
 
 
-def across(family: str, values: FloatArray, sigma_m: float, noise: str, face_weight: FloatArray, stray_area_m2: float, xy: FloatArray) -> Across:
-    """Densities at xy (n, 2). values : in the order of PARAMETERS[family].   face_weight : of `faces`, points per metre, relative."""
+def across(
+    family: str, values: FloatArray, sigma_m: float, noise: str, face_weight: FloatArray, stray_area_m2: float, xy: FloatArray, *, share: float = 1.0
+) -> Across:
+    """Densities at xy (n, 2). values : in the order of PARAMETERS[family].   face_weight : of `faces`, points per metre, relative.
+
+    share : of the section's area where points of a cap are looked for.
+    """
     weight = face_weight if face_weight.any() else np.ones(len(face_weight))
     side = np.exp(log_density(xy, family, values, sigma_m, noise, weight).logp)
-    return Across(side=side + _TINY / stray_area_m2, cap=_filled(family, values, sigma_m, xy), stray=np.full(len(xy), 1 / stray_area_m2))
+    return Across(side=side + _TINY / stray_area_m2, cap=_filled(family, values, sigma_m, xy) / share, stray=np.full(len(xy), 1 / stray_area_m2))
 
 
 def _filled(family: str, values: FloatArray, sigma: float, xy: FloatArray) -> FloatArray:

@@ -181,3 +181,15 @@ def test_a_tube_gets_faces_that_go_all_the_way_round():
     assert is_valid(found.solid)
     assert len(parts(found.solid, TopAbs_FACE)) == 4
     assert volume_of(found.solid) == pytest.approx(np.pi * (144 - 81) * 30, rel=1e-9)
+
+
+def test_faces_of_a_wall_are_regions_each_and_all_their_corners_are_corners():
+    mesh, label, sides = labelled((30.0, 20.0, 10.0), 2.0)
+    middle = mesh.vertices[mesh.faces].mean(1)
+    wall = np.zeros(len(label), bool)
+    wall[np.argsort(np.linalg.norm(middle - [15.0, 10.0, 10.0], axis=1))[: 2 * LEAST_FACES]] = True
+    found = network_of(mesh, label, sides, wall)
+    assert (found.surface < 0).sum() == wall.sum()
+    assert (found.surface[found.label] < 0).tolist() == wall.tolist()
+    ends = {int(v) for c in found.chains for v in c.vertices[[0, -1]]}
+    assert set(mesh.faces[wall].ravel().tolist()) <= ends

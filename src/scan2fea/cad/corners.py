@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -95,8 +96,8 @@ class Meeting:
         }  # fmt: skip
         self._joined(tolerance)
 
-    def _tie(self, chain: int, at: FloatArray, along: FloatArray) -> _Tie | None:
-        found = self.network.chains[chain]
+    def _tie(self, number: int, at: FloatArray, along: FloatArray) -> _Tie | None:
+        found = self.network.chains[number]
         a, b = (self.surfaces[self.network.surface[side]] for side in (found.left, found.right))
         across = np.cross(a.normals(at[None])[0] + b.normals(at[None])[0], along)
         length = float(np.linalg.norm(across))
@@ -106,12 +107,12 @@ class Meeting:
         numbers = sorted({int(self.network.surface[k]) for k in regions if self.network.surface[k] >= 0})
         ties, planes = [], []
         for number in chains:
-            chain = self.network.chains[number]
-            cut = self.network.cuts.get(frozenset((chain.left, chain.right)))
+            border = self.network.chains[number]
+            cut = self.network.cuts.get(frozenset((border.left, border.right)))
             if cut is not None:
                 planes.append(cut)
             if number in self.touching:
-                line = smoothed(self.mesh.vertices[chain.vertices])
+                line = smoothed(self.mesh.vertices[border.vertices])
                 step = min(3, len(line) - 1)
                 is_first = np.linalg.norm(line[0] - start) <= np.linalg.norm(line[-1] - start)
                 tie = self._tie(number, start, line[step] - line[0] if is_first else line[-1] - line[-1 - step])
@@ -127,7 +128,7 @@ class Meeting:
                 break
             ends = self.network.chains[number].vertices[[0, -1]]
             i, j = (self.corner_of[int(v)] for v in ends)
-            if i == j:
+            if i == j or self._is_facet(number):
                 continue
             middle = at[ends].mean(0)
             chains = [k for k in self._chains[i] + self._chains[j] if k != number]
@@ -142,23 +143,38 @@ class Meeting:
                     if corner == j:
                         self.corner_of[vertex] = i
 
+    def _is_facet(self, number: int) -> bool:
+        found = self.network.chains[number]
+        return bool(min(self.network.surface[found.left], self.network.surface[found.right]) < 0)
+
+    def missed(self, tolerance: float, edges: Mapping[int, Edge]) -> set[int]:
+        """The surfaces at corners and edges that lie farther than half the tolerance off one of theirs: not the surfaces that are there."""
+        off = [regions for v, regions in self._regions.items() if v in self.corners and self.corners[v].off > tolerance / 2]
+        chains = [self.network.chains[k] for k, edge in edges.items() if edge.off > tolerance / 2]
+        return {int(self.network.surface[k]) for k in chain(chain.from_iterable(off), *((c.left, c.right) for c in chains))}
+
     def edges(self) -> Mapping[int, Edge]:
         """By the number of their chain."""
         return {k: self._edge(k) for k in range(len(self.network.chains)) if k not in self.gone}
 
     def _edge(self, number: int) -> Edge:
-        chain = self.network.chains[number]
-        first, last = (self.corner_of[int(chain.vertices[k])] for k in (0, -1))
+        border = self.network.chains[number]
+        first, last = (self.corner_of[int(border.vertices[k])] for k in (0, -1))
         ends = self.corners[first].at, self.corners[last].at
-        line = smoothed(self.mesh.vertices[chain.vertices])
+        if self._is_facet(number):
+            beside = [self.surfaces[k] for side in (border.left, border.right) if (k := int(self.network.surface[side])) >= 0]
+            middle = (ends[0] + ends[1])[None] / 2
+            off = max((float(np.abs(s.distance(middle))[0]) for s in beside), default=0.0)
+            return Edge(chain=number, first=first, last=last, points=np.array(ends), off=off)
+        line = smoothed(self.mesh.vertices[border.vertices])
         length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
         n = int(np.clip(np.ceil(length / self.spacing), LEAST_POINTS, MOST_POINTS))
         t = np.linspace(0.0, 1.0, n + 1)[:, None]
         line = evenly(line, n + 1)
         line = line + (1 - t) ** 4 * (ends[0] - line[0]) + t**4 * (ends[1] - line[-1])
-        numbers = sorted({int(self.network.surface[k]) for k in (chain.left, chain.right) if self.network.surface[k] >= 0})
+        numbers = sorted({int(self.network.surface[k]) for k in (border.left, border.right) if self.network.surface[k] >= 0})
         surfaces = [self.surfaces[k] for k in numbers]
-        cut = self.network.cuts.get(frozenset((chain.left, chain.right)))
+        cut = self.network.cuts.get(frozenset((border.left, border.right)))
         out, worst = [ends[0]], 0.0
         for k in range(1, n):
             along = line[k + 1] - line[k - 1]

@@ -30,7 +30,7 @@ class Chain(Value):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Network(Value):
-    """label : (m,) region of each face.   surface : (n,) number of the surface of each region, -1 a wall of free form.
+    """label : (m,) region of each face.   surface : (n,) number of the surface of each region, -1 a facet of a wall of free form.
 
     cuts : of pairs of regions that are halves of one, a point and the normal of the plane between them.
     """
@@ -41,17 +41,17 @@ class Network(Value):
     cuts: dict[frozenset[int], tuple[FloatArray, FloatArray]]
 
 
-def network_of(mesh: TriangleMesh, label: IntArray, surfaces: Sequence[Surface], walls: Sequence[IntArray] = ()) -> Network:
+def network_of(mesh: TriangleMesh, label: IntArray, surfaces: Sequence[Surface], wall: BoolArray | None = None) -> Network:
     """The network of a closed manifold mesh. label : (m,) surface of each face, -1 where the nearest beside it is to be taken.
 
-    walls : faces of each wall of free form.
+    wall : (m,) faces of walls of free form: regions each.
     """
     table = edge_table(mesh.faces)
     beside = table.twin.reshape(-1, 3) // 3
-    label = label.copy()
-    for number, rows in enumerate(walls):
-        label[rows] = len(surfaces) + number
+    label = label.copy() if wall is None else np.where(wall, len(surfaces), label)
     label = _tidy(mesh, _filled(mesh, label, surfaces, beside), surfaces, table)
+    facets = np.flatnonzero(label == len(surfaces))
+    label[facets] += np.arange(len(facets))
     part = _parts(mesh, label, table)
     region = np.zeros(int(part.max()) + 1, np.int64)
     region[part] = np.where(label < len(surfaces), label, -1)
@@ -66,7 +66,7 @@ def network_of(mesh: TriangleMesh, label: IntArray, surfaces: Sequence[Surface],
     out = _parts(mesh, halved, table)
     origin = np.zeros(int(out.max()) + 1, np.int64)
     origin[out] = part
-    chains = _chains(mesh, out, table)
+    chains = _chains(mesh, out, table, facets)
     halves = {frozenset((c.left, c.right)): cuts[int(origin[c.left])] for c in chains if origin[c.left] == origin[c.right]}
     return Network(label=out, surface=region[origin], chains=chains, cuts=halves)
 
@@ -146,13 +146,14 @@ def _cut(mesh: TriangleMesh, rows: IntArray, label: IntArray, surface: Surface, 
     return surface.point, np.asarray(-np.sin(best) * e[0] + np.cos(best) * e[1])
 
 
-def _chains(mesh: TriangleMesh, label: IntArray, table: EdgeTable) -> tuple[Chain, ...]:
-    """The borders from corner to corner, each once, its left side the lower region."""
+def _chains(mesh: TriangleMesh, label: IntArray, table: EdgeTable, facets: IntArray) -> tuple[Chain, ...]:
+    """The borders from corner to corner, each once, its left side the lower region. All corners of facets are some."""
     own, other = np.repeat(label, 3), label[table.twin // 3]
     half = np.flatnonzero(own != other)
     tail, head = mesh.faces.ravel(), np.roll(mesh.faces, -1, axis=1).ravel()
     degree = np.bincount(table.edges[np.unique(table.edge_of[half])].ravel(), minlength=len(mesh.vertices))
     is_corner: BoolArray = (degree > 0) & (degree != 2)
+    is_corner[mesh.faces[facets]] = True
     follow = {(int(tail[h]), int(own[h])): h for h in half.tolist() if not is_corner[tail[h]]}
     start = [h for h in half.tolist() if is_corner[tail[h]] and own[h] < other[h]]
     loop = [h for h in half.tolist() if not is_corner[tail[h]] and own[h] < other[h]]

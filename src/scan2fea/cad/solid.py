@@ -74,8 +74,10 @@ def true_solid(
     known = [r.surface for r in stands]
     near = _measured(mesh, points, scale)
     raw = segmented(mesh, TOLERANCES[0] * scale.tolerance_m, known)
-    if len(raw.surfaces) > MANY:
-        found = _traced(mesh, points, raw, near, known, scale, stands)
+    asked = _asked(mesh, raw, near, known, scale)
+    is_large = len(asked.surfaces) > MANY
+    if is_large:
+        found = _traced(mesh, points, asked, near, scale, stands)
         if found.brep is not None:
             return found
     mixed: list[Patches] = []
@@ -103,7 +105,7 @@ def true_solid(
             mixed.clear()
             break
         mixed.append(patches)
-    last = [] if len(raw.surfaces) > MANY else [_traced(mesh, points, raw, near, known, scale, stands)]
+    last = [] if is_large else [_traced(mesh, points, asked, near, scale, stands)]
     made = next((f for f in chain(last, (_mixed(mesh, points, p, scale, stands) for p in mixed)) if f.brep is not None), None)
     return no_solid(reason) if made is None else made
 
@@ -230,18 +232,22 @@ def _mixed(mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: Scal
     return _built(mesh, points, without_walls(patches, walls), scale, stands, may_cut=True, walls=walls)
 
 
-def _traced(
-    mesh: TriangleMesh, points: FloatArray, raw: Patches, near: Measured, known: list[Surface], scale: Scale, stands: Sequence[Resting]
-) -> Trued:
-    """The solid of the patches as they border on each other, where surfaces touch that cells cannot cut.
-
-    Where the vertices are the points creases are sharp: what lies within twice the tolerance of two surfaces is a rounding, and no more.
+def _asked(mesh: TriangleMesh, raw: Patches, near: Measured, known: list[Surface], scale: Scale) -> Patches:
+    """The patches that tracing begins with. Where the vertices are the points creases are sharp: what lies within twice the tolerance of two surfaces
+    is a rounding, and no more.
     """
-    reach = 2 * scale.tolerance_m if near.density == 0.0 else scale.reach_m
     told = near.points, near.face, scale.tolerance_m
-    patches = asked_for(mesh, without_roundings(mesh, raw, reach, known, told), near.points, near.face, near.density)
+    return asked_for(mesh, without_roundings(mesh, raw, _crease(near, scale), known, told), near.points, near.face, near.density)
+
+
+def _crease(near: Measured, scale: Scale) -> float:
+    return 2 * scale.tolerance_m if near.density == 0.0 else scale.reach_m
+
+
+def _traced(mesh: TriangleMesh, points: FloatArray, patches: Patches, near: Measured, scale: Scale, stands: Sequence[Resting]) -> Trued:
+    """The solid of the patches as they border on each other, where surfaces touch that cells cannot cut."""
     patches = with_rings_and_balls(mesh, patches, scale.tolerance_m)
-    lost = unexplained(mesh, patches, reach, near.face, near.density)
+    lost = unexplained(mesh, patches, _crease(near, scale), near.face, near.density)
     if lost > UNEXPLAINED or not 2 <= len(patches.surfaces) <= MAX_TRACED:
         return no_solid(_refused(patches, lost) or f"{len(patches.surfaces)} surfaces, more than {MAX_TRACED}")
     fits, snaps, _ = fits_of(mesh, points, patches, scale, stands, radii=False)
@@ -249,11 +255,12 @@ def _traced(
     mm = MILLIMETRES_PER_METRE
     local = TriangleMesh(vertices=(mesh.vertices - middle) * mm, faces=mesh.faces)
     surfaces = [in_mm(f.surface, middle) for f in fits]
-    solid = traced_solid(local, patches.label, surfaces, [covariance_in_mm(f) for f in fits], scale.tolerance_m * mm, scale.spacing_m * mm).solid
-    if solid is None or not is_valid(solid):
+    made = traced_solid(local, patches.label, surfaces, [covariance_in_mm(f) for f in fits], scale.tolerance_m * mm, scale.spacing_m * mm)
+    if made.solid is None or not is_valid(made.solid):
         return no_solid("the faces close no valid solid")
-    found = compared(solid, mesh, points, middle, scale)
-    return no_solid(found.problem) if found.problem else trued(solid, middle, scale, snaps, found)
+    found = compared(made.solid, mesh, points, middle, scale)
+    drawn = made.surfaces if made.n_facets else None
+    return no_solid(found.problem) if found.problem else trued(made.solid, middle, scale, snaps, found, drawn=drawn)
 
 
 def _with_fillets(solid: Any | None, fillets: Sequence[Fillet], drawn: Sequence[Surface], local: TriangleMesh) -> tuple[Any | None, str]:

@@ -18,42 +18,68 @@ from scan2fea.cad.live import direction, is_valid, parts, pnt, solid_of_faces, u
 from scan2fea.cad.network import Network, network_of
 from scan2fea.cad.roundings import MEETS
 from scan2fea.cad.tangency import made_to_touch, touches_of
+from scan2fea.kernel.measures import face_areas
 from scan2fea.kernel.surfaces import CONE, CYLINDER, PLANE, SPHERE, Surface
-from scan2fea.types import FloatArray, IntArray, TriangleMesh
+from scan2fea.types import FloatArray, IntArray, TriangleMesh, Value
 
 EXACT = 5e-6  # mm: a line or an arc through the points of an edge
 RESOLUTION = 1e-6  # mm
+WALLS = 3  # rounds in which walls grow
+MOST_FACETS = 5_000
+SMALL = 0.01  # of the area: a larger patch is no piece of a wall
 LOOSE = 0.1  # of the length of all borders: more is free form in pieces
 LOOSEST = 1.0  # mm that Open Cascade may widen an edge by; what is off is found when the solid is compared
 
 _Use = tuple[int, bool, int, int]  # edge, whether it runs forward, its corners in that order
 
 
-@dataclass(frozen=True, kw_only=True)
-class Traced:
-    """solid : None where the faces close none.   loose : share of the length of all borders where two surfaces meet at no angle and do not touch."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Traced(Value):
+    """solid : None where the faces close none.   surfaces : as they were moved.   n_facets : of walls of free form.
+
+    loose : share of the length of all borders where two surfaces meet at no angle and do not touch.
+    """
 
     solid: Any | None
+    surfaces: tuple[Surface, ...]
+    n_facets: int = 0
     loose: float
 
 
 def traced_solid(
     mesh_mm: TriangleMesh, label: IntArray, surfaces: Sequence[Surface], covariances: Sequence[FloatArray], tolerance: float, spacing: float
 ) -> Traced:
-    """The solid of labelled faces, in millimetres. label : (m,) number of the surface of each, -1 where the nearest beside it is to be taken."""
-    network = network_of(mesh_mm, label, surfaces)
-    touches = touches_of(mesh_mm, network, surfaces, covariances, tolerance, spacing)
-    loose = _loose(mesh_mm, network, surfaces, {touch.chain for touch in touches})
-    if loose > LOOSE:
-        return Traced(solid=None, loose=loose)
-    made, kept = made_to_touch(surfaces, covariances, touches, tolerance)
-    meeting = Meeting(mesh_mm, network, made, [touch.chain for touch in kept], tolerance, spacing)
+    """The solid of labelled faces, in millimetres. label : (m,) number of the surface of each, -1 where the nearest beside it is to be taken.
+
+    Small patches whose corners or edges lie on no common point of their surfaces are walls of free form: their triangles become faces.
+    """
+    wall = np.zeros(len(label), bool)
+    area = face_areas(mesh_mm)
+    for _ in range(WALLS):
+        network = network_of(mesh_mm, label, surfaces, wall)
+        touches = touches_of(mesh_mm, network, surfaces, covariances, tolerance, spacing)
+        loose = _loose(mesh_mm, network, surfaces, {touch.chain for touch in touches})
+        n_facets = int((network.surface < 0).sum())
+        if loose > LOOSE or n_facets > MOST_FACETS:
+            break
+        made, kept = made_to_touch(surfaces, covariances, touches, tolerance)
+        meeting = Meeting(mesh_mm, network, made, [touch.chain for touch in kept], tolerance, spacing)
+        edges = meeting.edges()
+        own = network.surface[network.label]
+        small = {k for k in meeting.missed(tolerance, edges) if k >= 0 and float(area[own == k].sum()) <= SMALL * float(area.sum())}
+        if not small:
+            return Traced(solid=_solid(mesh_mm, network, made, meeting, edges), surfaces=tuple(made), n_facets=n_facets, loose=loose)
+        wall = np.isin(own, sorted(small)) | (own < 0)
+    return Traced(solid=None, surfaces=tuple(surfaces), loose=loose)
+
+
+def _solid(mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], meeting: Meeting, edges: Mapping[int, Edge]) -> Any | None:
     try:
-        faces = _faces(mesh_mm, network, made, meeting)
+        faces = _faces(mesh, network, surfaces, meeting, edges)
     except Exception:  # noqa: BLE001 - Open Cascade raises types of its own for what it cannot draw: no solid then
-        return Traced(solid=None, loose=loose)
+        return None
     solid = solid_of_faces(faces) if faces else None
-    return Traced(solid=None if solid is None else _whole(solid), loose=loose)
+    return None if solid is None else _whole(solid)
 
 
 def _loose(mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], touching: Collection[int]) -> float:
@@ -62,7 +88,7 @@ def _loose(mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], to
         first, second = (int(network.surface[side]) for side in (chain.left, chain.right))
         at = mesh.vertices[chain.vertices]
         length = float(np.linalg.norm(np.diff(at, axis=0), axis=1).sum())
-        if first == second:
+        if first == second or min(first, second) < 0:
             continue
         total += length
         turn = np.einsum("ij,ij->i", surfaces[first].normals(at), surfaces[second].normals(at))
@@ -79,9 +105,8 @@ def _whole(solid: Any) -> Any:
     return joined if is_valid(joined) and len(parts(joined, TopAbs_SOLID)) == 1 else solid
 
 
-def _faces(mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], meeting: Meeting) -> list[Any]:
+def _faces(mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], meeting: Meeting, edges: Mapping[int, Edge]) -> list[Any]:
     """A face of each region; none where a region has no border that closes."""
-    edges = meeting.edges()
     drawn = _drawn(edges, meeting.corners)
     uses: dict[int, list[_Use]] = {k: [] for k in range(len(network.surface))}
     for number, edge in edges.items():
@@ -93,6 +118,12 @@ def _faces(mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], me
         loops = _loops(own)
         if not loops:
             return []
+        if network.surface[region] < 0:
+            corners = np.array([meeting.corners[use[2]].at for use in loops[0]])
+            normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+            flat = Surface(kind=PLANE, point=corners[0], axis=normal / np.linalg.norm(normal))
+            out.append(_face(flat, corners, loops, drawn))
+            continue
         used = np.unique(mesh.faces[network.label == region])
         out.append(_face(surfaces[network.surface[region]], mesh.vertices[used], loops, drawn))
     return out

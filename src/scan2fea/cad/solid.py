@@ -255,12 +255,17 @@ def _traced(mesh: TriangleMesh, points: FloatArray, patches: Patches, near: Meas
     mm = MILLIMETRES_PER_METRE
     local = TriangleMesh(vertices=(mesh.vertices - middle) * mm, faces=mesh.faces)
     surfaces = [in_mm(f.surface, middle) for f in fits]
-    made = traced_solid(local, patches.label, surfaces, [covariance_in_mm(f) for f in fits], scale.tolerance_m * mm, scale.spacing_m * mm)
-    if made.solid is None or not is_valid(made.solid):
-        return no_solid("the faces close no valid solid")
-    found = compared(made.solid, mesh, points, middle, scale)
-    drawn = made.surfaces if made.n_facets else None
-    return no_solid(found.problem) if found.problem else trued(made.solid, middle, scale, snaps, found, drawn=drawn)
+    covariances, problem = [covariance_in_mm(f) for f in fits], ""
+    for walls in (False, True):
+        made = traced_solid(local, patches.label, surfaces, covariances, scale.tolerance_m * mm, scale.spacing_m * mm, walls=walls)
+        if made.solid is None or not is_valid(made.solid):
+            problem = problem or "the faces close no valid solid"
+            continue
+        found = compared(made.solid, mesh, points, middle, scale)
+        if not found.problem:
+            return trued(made.solid, middle, scale, snaps, found, drawn=made.surfaces if made.n_facets else None)
+        problem = problem or found.problem
+    return no_solid(problem)
 
 
 def _with_fillets(solid: Any | None, fillets: Sequence[Fillet], drawn: Sequence[Surface], local: TriangleMesh) -> tuple[Any | None, str]:

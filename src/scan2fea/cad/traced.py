@@ -47,11 +47,12 @@ class Traced(Value):
 
 
 def traced_solid(
-    mesh_mm: TriangleMesh, label: IntArray, surfaces: Sequence[Surface], covariances: Sequence[FloatArray], tolerance: float, spacing: float
-) -> Traced:
+    mesh_mm: TriangleMesh, label: IntArray, surfaces: Sequence[Surface], covariances: Sequence[FloatArray], tolerance: float, spacing: float,
+    *, walls: bool = False,
+) -> Traced:  # fmt: skip
     """The solid of labelled faces, in millimetres. label : (m,) number of the surface of each, -1 where the nearest beside it is to be taken.
 
-    Small patches whose corners or edges lie on no common point of their surfaces are walls of free form: their triangles become faces.
+    walls : small patches whose corners or edges lie on no common point of their surfaces are walls of free form: their triangles become faces.
     """
     wall = np.zeros(len(label), bool)
     area = face_areas(mesh_mm)
@@ -67,7 +68,7 @@ def traced_solid(
         edges = meeting.edges()
         own = network.surface[network.label]
         small = {k for k in meeting.missed(tolerance, edges) if k >= 0 and float(area[own == k].sum()) <= SMALL * float(area.sum())}
-        if not small:
+        if not small or not walls:
             return Traced(solid=_solid(mesh_mm, network, made, meeting, edges), surfaces=tuple(made), n_facets=n_facets, loose=loose)
         wall = np.isin(own, sorted(small)) | (own < 0)
     return Traced(solid=None, surfaces=tuple(surfaces), loose=loose)

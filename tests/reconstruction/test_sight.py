@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from predicates import assert_closed_manifold_oriented, box, moved, rotation
-from scan2fea.kernel.distances import PointToMesh
+from scan2fea.kernel.distances import PointToMesh, sample_surface
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.reconstruction import reconstruct, visibility
-from scan2fea.reconstruction.flat_gaps import REACH, flat_ends, hidden_volume_flat, over_walls
+from scan2fea.reconstruction.flat_gaps import REACH, flat_ends, half_seen_ends, hidden_volume_flat, over_walls
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.planar import flattened
 from scan2fea.reconstruction.sight import Sight, blocked_lines
@@ -107,3 +107,19 @@ def test_lines_that_run_through_a_bore_tell_that_planes_have_closed_it(is_open, 
     check = blocked_lines(scan, closed, 0.0084, 0.0012)
     assert check.passed is passed
     assert blocked_lines(scan, truth, 0.0084, 0.0012).passed
+
+
+@pytest.mark.parametrize(("seen", "passed"), [(0.3, False), (0.6, True)])
+def test_an_end_of_the_part_is_one_where_half_of_it_was_measured(seen, passed):
+    """Of a bar the end at x = 0, and all beside it; a place within REACH spacings of a point counts as measured."""
+    spacing = 0.02
+    bar = box((2.0, 1.0, 1.0))
+    normals = np.cross(*[bar.vertices[bar.faces[:, k]] - bar.vertices[bar.faces[:, 0]] for k in (1, 2)])
+    bar = replace(bar, face_region=2 * np.unique(np.sign(np.round(normals, 6)), axis=0, return_inverse=True)[1].ravel())
+    points, _ = sample_surface(bar, 20_000, seed=0)
+    gone = (points[:, 0] < 1e-9) & (points[:, 1] > seen - REACH * spacing)
+    for turn in (np.eye(3), rotation(7)):
+        turned = replace(moved(bar, turn, np.array([5.0, 1.0, -3.0])), face_region=bar.face_region)
+        check = half_seen_ends(turned, points[~gone] @ turn.T + [5.0, 1.0, -3.0], spacing)
+        assert check.passed is passed and check.value == (0.0 if passed else 1.0)
+    assert half_seen_ends(bar, points, spacing).passed

@@ -16,13 +16,14 @@ from scan2fea.kernel.surfaces import Surface
 from scan2fea.reconstruction.budget import WALL_ENDS
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.hidden_volume import REACH, hidden_check
-from scan2fea.reconstruction.pictures import Picture, patches, pictures, regions
+from scan2fea.reconstruction.pictures import Flat, Picture, patches, pictures, regions
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh
 
 ENDS = 0.02  # of the volume: as `wall_ends`
 MOST_CARRIED = 0.5  # of a face: a gap is carried over that is no larger than what was measured of it
 BORDER = 1.75  # spacings from a measured point: random points leave 0.03 % of a face so bare
 FACING = -0.99  # cosine between the two faces of a wall
+WHOLE_END = 0.5  # of an end that the whole part lies behind: with less of it measured the part may go on there (`wall_ends`)
 SKIN = 0.05  # spacings under a face from which the other face of its wall is looked for: facets lie that far off the cylinder they stand for
 NONE_ROLLED: Mapping[int, Surface] = MappingProxyType({})
 BESIDE = ((1, 0), (-1, 0), (0, 1), (0, -1))
@@ -66,6 +67,26 @@ def flat_ends(mesh: TriangleMesh, points: FloatArray, spacing_m: float, rolled: 
         "the scan may end there, not the wall; scan the edges too, or fit the member"
     )
     return at_most(WALL_ENDS, share, ENDS, says)
+
+
+def half_seen_ends(mesh: TriangleMesh, points: FloatArray, spacing_m: float, rolled: Mapping[int, Surface] = NONE_ROLLED) -> Check:
+    """How many flat faces that the whole part lies behind have less than half of their area near their own points?
+
+    points : (n, 3) measured or carried. Nothing else shows that the part ends there: a cup without its bottom, half of the rim left, was a tube.
+    """
+    normals, region, where = face_normals(mesh), regions(mesh), [np.zeros((0, 3))]
+    for number, picture in pictures(mesh, points, spacing_m, REACH * spacing_m, rolled).items():
+        own = region == number
+        corners = mesh.vertices[mesh.faces[own]].reshape(-1, 3)
+        level, normal = float(corners[0] @ normals[own][0]), normals[own][0]
+        is_end = isinstance(picture.sheet, Flat) and float((mesh.vertices @ normal).max()) <= level + SKIN * spacing_m
+        if is_end and np.sum(picture.inside & ~picture.far(REACH * spacing_m)) < WHOLE_END * picture.inside.sum():
+            where.append(corners)
+    says = (
+        f"{len(where) - 1} flat ends of the part were measured on less than half of their area{around(np.concatenate(where))}: "
+        "the scan may end there, not the part; scan them too, or fit the member"
+    )
+    return at_most("ends of the part seen in part", float(len(where) - 1), 0.0, says)
 
 
 def _sides(picture: Picture, far: BoolArray, at: IntArray, tree: cKDTree, reach_m: float) -> float:

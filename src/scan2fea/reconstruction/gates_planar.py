@@ -16,7 +16,7 @@ from scan2fea.reconstruction.bare_faces import bare_faces
 from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, HIDDEN_VOLUME, PLACE, VOLUME_IN_DOUBT, WALL_ENDS
 from scan2fea.reconstruction.empty_places import empty_places
 from scan2fea.reconstruction.evidence import at_most, mm
-from scan2fea.reconstruction.flat_gaps import flat_ends, hidden_volume_flat
+from scan2fea.reconstruction.flat_gaps import flat_ends, half_seen_ends, hidden_volume_flat
 from scan2fea.reconstruction.gates import in_all
 from scan2fea.reconstruction.gates_outside import GAPS_ENTERED
 from scan2fea.reconstruction.gates_round import one_region, out_of_round, rolled, round_distance
@@ -97,7 +97,11 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
         stray(measured, off, 3.0 * sigma + 0.5 * h),
         afloat(mesh, measured, off, h, sigma),
         hidden_volume_flat(whole, backed, h, unrolled),
-        *((flat_ends(whole, backed, h, unrolled), blocked_lines(scan, mesh, h, sigma)) if by_lines else ()),
+        *((
+            flat_ends(whole, backed, h, unrolled),
+            half_seen_ends(whole, backed, h, unrolled),
+            blocked_lines(scan, mesh, h, sigma),
+        ) if by_lines else ()),
         bare_faces(whole, cloud.points, scan.sensors(), h),
         *empty_places(mesh, cloud.points, Sight.of(scan, first, lines=len(cloud)) if first.source == "sensors" else None),
     ]  # fmt: skip

@@ -5,6 +5,7 @@ import pytest
 
 from predicates import moved, rotation
 from scan2fea.reconstruction import reconstruct, visibility
+from scan2fea.reconstruction.budget import UNSEEN_WALLS
 from scan2fea.reconstruction.empty_places import EMPTY_PLACES
 from scan2fea.reconstruction.evidence import at_most
 from scan2fea.reconstruction.gates import failed
@@ -54,6 +55,14 @@ def test_a_bottom_that_was_measured_closes_a_bore(seen, count, aside, passed):
     cloud = PointCloud.of(np.concatenate([scan.cloud.points, np.tile(bottom, (count, 1))]))
     told = check_of(unplugged(Scan(cloud=cloud), replace(first, source="outside flood", mesh=BAR), (bar,)))
     assert told.passed is passed
+
+
+def test_planes_refused_for_walls_that_no_line_passed_are_asked_as_well(seen):
+    """A long tube from a few stations: lines enter both mouths, none passes the middle; the free form closed both, and the tube was a bar."""
+    scan, first, bar = seen
+    unseen = replace(bar, checks=(at_most(UNSEEN_WALLS, 0.6, 0.05, "nobody saw"),))
+    assert not check_of(unplugged(scan, replace(first, mesh=BAR), (unseen,))).passed
+    assert check_of(unplugged(scan, first, (unseen,))).passed
 
 
 def test_nothing_is_said_of_what_is_refused_already_nor_without_empty_places(seen):

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from scan2fea.kernel.distances import signed_distance
+from scan2fea.reconstruction.budget import UNSEEN_WALLS
 from scan2fea.reconstruction.empty_places import EMPTY_PLACES, Discs, discs_of
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.gates import failed, in_all
@@ -31,7 +32,7 @@ def unplugged(scan: Scan, found: Reconstruction, flats: Sequence[Reconstruction]
     flats : solids of flat faces, refused; those refused for such places are asked where these are. With sight lines a place counts if they enter it
     from both faces, or one passes: elsewhere nobody looked into the wall.
     """
-    against = [flat for flat in flats if EMPTY_PLACES in {check.name for check in failed(flat.checks)}]
+    against = [flat for flat in flats if not {EMPTY_PLACES, UNSEEN_WALLS}.isdisjoint(check.name for check in failed(flat.checks))]
     if failed(found.checks) or not against:
         return found
     measured = scan.cloud.points if scan.cloud.is_inferred is None else scan.cloud.points[~scan.cloud.is_inferred]

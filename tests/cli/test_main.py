@@ -61,15 +61,17 @@ def test_resume_of_nothing_is_two(tmp_path):
 @pytest.mark.parametrize(
     ("words", "says"), [(["run", "a.ply", "-o", "O"], "--resume"), (["thesis"], "the same command"), (["info", "a.ply"], "interrupted\n")]
 )
-@pytest.mark.parametrize("in_kernel", [False, True])
+@pytest.mark.parametrize("in_kernel", [0, 1, 2])
 def test_an_interruption_tells_how_to_go_on_where_there_is_a_way(words, says, in_kernel, monkeypatch, capsys):
     def stopped(_):
         try:
             raise KeyboardInterrupt
         except KeyboardInterrupt as interrupt:
-            if in_kernel:
-                raise SystemError("a kernel returned a result with an exception set") from interrupt
-            raise
+            fault: BaseException = interrupt
+            for _ in range(in_kernel):  # twice where a kernel was being loaded
+                error = SystemError("a kernel returned a result with an exception set")
+                error.__cause__, fault = fault, error
+            raise fault from fault.__cause__
 
     module = importlib.import_module(f"scan2fea.cli.{words[0]}_command")
     monkeypatch.setattr(module, "execute", stopped)

@@ -8,8 +8,9 @@ from itertools import chain
 
 import numpy as np
 
-from scan2fea.cad.network import Network, evenly, smoothed
+from scan2fea.cad.network import Network, smoothed
 from scan2fea.cad.tangency import sharpest
+from scan2fea.kernel.polylines import evenly, length_of
 from scan2fea.kernel.surfaces import Surface
 from scan2fea.types import FloatArray, TriangleMesh, Value
 
@@ -122,7 +123,7 @@ class Meeting:
     def _joined(self, tolerance: float) -> None:
         """Corners at the ends of short chains made one, where all their surfaces pass one point as closely as they did each."""
         at = self.mesh.vertices
-        length = [float(np.linalg.norm(np.diff(at[c.vertices], axis=0), axis=1).sum()) for c in self.network.chains]
+        length = [length_of(at[c.vertices]) for c in self.network.chains]
         for number in np.argsort(length, kind="stable").tolist():
             if length[number] > SHORT * self.spacing:
                 break
@@ -167,7 +168,7 @@ class Meeting:
             off = max((float(np.abs(s.distance(middle))[0]) for s in beside), default=0.0)
             return Edge(chain=number, first=first, last=last, points=np.array(ends), off=off)
         line = smoothed(self.mesh.vertices[border.vertices])
-        length = float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+        length = length_of(line)
         n = int(np.clip(np.ceil(length / self.spacing), LEAST_POINTS, MOST_POINTS))
         t = np.linspace(0.0, 1.0, n + 1)[:, None]
         line = evenly(line, n + 1)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scan2fea.kernel.polylines import evenly, length_of
 from scan2fea.kernel.surfaces import Surface
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 
@@ -136,9 +137,7 @@ def resampled(path: FloatArray, step: float) -> FloatArray:
 
 
 def _even(path: FloatArray, step: float) -> FloatArray:
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    at = np.linspace(0, length[-1], max(8, round(length[-1] / step) + 1))
-    return np.column_stack([np.interp(at, length, path[:, k]) for k in range(2)])
+    return evenly(path, max(8, round(length_of(path) / step) + 1))
 
 
 def pieces_of(samples: FloatArray, tolerance: float, least: int) -> list[Piece]:

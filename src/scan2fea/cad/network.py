@@ -185,10 +185,3 @@ def smoothed(line: FloatArray, rounds: int = 4) -> FloatArray:
         elif len(line) > 2:
             line[1:-1] = (line[:-2] + 2 * line[1:-1] + line[2:]) / 4
     return line
-
-
-def evenly(line: FloatArray, n: int) -> FloatArray:
-    """n points at equal steps along a polyline."""
-    length = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
-    at = np.linspace(0.0, length[-1], n)
-    return np.stack([np.interp(at, length, line[:, k]) for k in range(3)], axis=1)

@@ -74,9 +74,9 @@ def true_solid(
     known = [r.surface for r in stands]
     near = _measured(mesh, points, scale)
     raw = segmented(mesh, TOLERANCES[0] * scale.tolerance_m, known)
-    asked = _asked(mesh, raw, near, known, scale)
-    is_large = len(asked.surfaces) > MANY
-    if is_large:
+    asked = _asked(mesh, raw, near, known, scale) if len(raw.surfaces) > MANY else None  # the points ask for no more than there are
+    is_large = asked is not None and len(asked.surfaces) > MANY
+    if asked is not None and is_large:
         found = _traced(mesh, points, asked, near, scale, stands)
         if found.brep is not None:
             return found
@@ -105,7 +105,7 @@ def true_solid(
             mixed.clear()
             break
         mixed.append(patches)
-    last = [] if is_large else [_traced(mesh, points, asked, near, scale, stands)]
+    last = [] if is_large else [_traced(mesh, points, asked or _asked(mesh, raw, near, known, scale), near, scale, stands)]
     made = next((f for f in chain(last, (_mixed(mesh, points, p, scale, stands) for p in mixed)) if f.brep is not None), None)
     return no_solid(reason) if made is None else made
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scan2fea.cad.network import Network, evenly, smoothed
+from scan2fea.cad.network import Network, smoothed
+from scan2fea.kernel.polylines import evenly
 from scan2fea.kernel.surfaces import PLANE, TORUS, Surface, moved, slopes
 from scan2fea.types import FloatArray, TriangleMesh, Value
 

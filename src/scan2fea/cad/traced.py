@@ -19,6 +19,7 @@ from scan2fea.cad.network import Network, network_of
 from scan2fea.cad.roundings import MEETS
 from scan2fea.cad.tangency import made_to_touch, touches_of
 from scan2fea.kernel.measures import face_areas
+from scan2fea.kernel.polylines import length_of
 from scan2fea.kernel.surfaces import CONE, CYLINDER, PLANE, SPHERE, Surface
 from scan2fea.types import FloatArray, IntArray, TriangleMesh, Value
 
@@ -88,7 +89,7 @@ def _loose(mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], to
     for number, chain in enumerate(network.chains):
         first, second = (int(network.surface[side]) for side in (chain.left, chain.right))
         at = mesh.vertices[chain.vertices]
-        length = float(np.linalg.norm(np.diff(at, axis=0), axis=1).sum())
+        length = length_of(at)
         if first == second or min(first, second) < 0:
             continue
         total += length

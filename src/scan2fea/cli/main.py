@@ -42,10 +42,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         _say("out of memory: give fewer points (filtering.voxel_m) or set input.memory_gib to what this machine has")
         return EXIT_FAULT
     except Exception as error:  # noqa: BLE001 - the last line of defence: a fault of ours is told, not shown as a traceback
-        if isinstance(error.__cause__ or error.__context__, KeyboardInterrupt):  # compiled code turns an interrupt into a SystemError
+        if _by_interrupt(error):
             return _interrupted(given.command)
         _say(f"internal fault ({type(error).__name__}: {error}); please report it with {_trace()}")
         return EXIT_FAULT
+
+
+def _by_interrupt(error: BaseException) -> bool:
+    """Compiled code turns an interrupt into a SystemError, and while it is loaded that into another."""
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, KeyboardInterrupt):
+        cause = cause.__cause__ or cause.__context__
+    return cause is not None
 
 
 def _interrupted(command: str) -> int:

@@ -73,7 +73,7 @@ def with_strips(
         free[seed] = False
         if left.area[own].sum() < LEAST_AREA * spacing_m**2:
             continue
-        rows = np.unique(left.point[np.isin(left.point_face, np.flatnonzero(own))])
+        rows = left.point[own[left.point_face]]
         plane = _placed(points, rows, left, own, ways, spacing_m, sigma_m) if len(rows) >= LEAST_POINTS else None
         if plane is None:
             continue

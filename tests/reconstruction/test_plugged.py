@@ -41,8 +41,11 @@ def check_of(found):
 def test_an_open_bore_passes_and_a_closed_one_is_told(seen):
     scan, first, bar = seen
     assert check_of(unplugged(scan, first, (bar,))).passed
-    told = check_of(unplugged(scan, replace(first, mesh=BAR), (bar,)))
-    assert not told.passed and told.value == 1.0 and "scan into them" in told.says
+    closed = unplugged(scan, replace(first, mesh=BAR), (bar,))
+    names = [check.name for check in closed.checks]
+    assert len(names) == len(set(names))  # a row each in the report
+    told = check_of(closed)
+    assert not told.passed and told.value == 1.0 and "scan into it" in told.says
     blind = Scan(cloud=PointCloud.of(scan.cloud.points))
     assert check_of(unplugged(blind, replace(first, source="outside flood"), (bar,))).passed
     assert not check_of(unplugged(blind, replace(first, source="outside flood", mesh=BAR), (bar,))).passed

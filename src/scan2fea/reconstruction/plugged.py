@@ -15,7 +15,7 @@ from scan2fea.kernel.distances import signed_distance
 from scan2fea.reconstruction.budget import UNSEEN_WALLS
 from scan2fea.reconstruction.empty_places import EMPTY_PLACES, Discs, discs_of
 from scan2fea.reconstruction.evidence import around, at_most
-from scan2fea.reconstruction.gates import failed, in_all
+from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.sight import BESIDE, SIGMAS, Sight
 from scan2fea.reconstruction.visibility import Reconstruction
 from scan2fea.types import BoolArray, FloatArray, Scan, TriangleMesh
@@ -46,10 +46,10 @@ def unplugged(scan: Scan, found: Reconstruction, flats: Sequence[Reconstruction]
         closed = discs.of(_is_closed(discs, found.mesh, skin) & ~_has_bottom(discs, measured, skin))
         worst = max(worst, closed.middle, key=len)
     says = (
-        f"{len(worst)} bores that both faces of a wall show are closed inside, where nobody saw{around(worst)}: "
-        "they may go through; scan into them"
+        f"both faces of a wall show a bore that is closed inside, where nobody saw, {len(worst)} of them{around(worst)}: "
+        "it may go through; scan into it"
     )
-    return replace(found, checks=in_all(*found.checks, at_most(PLUGGED, float(len(worst)), 0.0, says)))
+    return replace(found, checks=(*found.checks, at_most(PLUGGED, float(len(worst)), 0.0, says)))
 
 
 def _is_closed(discs: Discs, mesh: TriangleMesh, skin_m: float) -> BoolArray:

@@ -11,6 +11,7 @@ import numpy as np
 
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_normals
+from scan2fea.reconstruction.bare_ends import bare_ends
 from scan2fea.reconstruction.budget import VOLUME_IN_DOUBT, volume_in_doubt
 from scan2fea.reconstruction.evidence import Evidence, Unseen, scatter_m, wall_m
 from scan2fea.reconstruction.gates_outside import both_faces, cut_agrees, gaps_entered, open_inside, signs_agree, winding_agrees
@@ -50,6 +51,7 @@ def gates_seen(evidence: Evidence, held: float) -> tuple[Check, ...]:
         *coverage(evidence, UNMEASURED_SEEN, sigma),
         hidden_volume(evidence.mesh, evidence.backed, evidence.spacing_m),
         wall_ends(evidence),
+        bare_ends(evidence),
         cut_agrees(held),
         deviation(nearest.distance, limit),
     )
@@ -71,6 +73,7 @@ def gates_unseen(evidence: Evidence, unseen: Unseen) -> tuple[Check, ...]:
         *coverage(evidence, UNMEASURED_UNSEEN, sigma),
         hidden_volume(evidence.mesh, evidence.backed, evidence.spacing_m, REACH_UNSEEN),
         wall_ends(evidence),
+        bare_ends(evidence),
         *winding_agrees(evidence),
         signs_agree(evidence, unseen),
         cut_agrees(unseen.held),
@@ -98,6 +101,7 @@ def gates_again(evidence: Evidence, before: tuple[Check, ...], seen: bool) -> tu
         *coverage(evidence, UNMEASURED_SEEN if seen else UNMEASURED_UNSEEN, sigma),
         hidden_volume(evidence.mesh, evidence.backed, evidence.spacing_m, REACH if seen else REACH_UNSEEN),
         wall_ends(evidence),
+        bare_ends(evidence),
         deviation(distance, (DEVIATION_SEEN if seen else DEVIATION_UNSEEN) * (sigma + least)),
         stray(points, distance, STRAY_SIGMAS * sigma + STRAY_SPACINGS * evidence.spacing_m),
         *(() if seen else (*winding_agrees(evidence), afloat(evidence.mesh, points, distance, evidence.spacing_m, sigma))),

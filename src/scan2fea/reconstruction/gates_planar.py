@@ -12,6 +12,7 @@ from scan2fea.kernel.coverage import unmeasured_share
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_areas, volume
 from scan2fea.kernel.primitives import Plane
+from scan2fea.reconstruction.bare_ends import BARE_ENDS
 from scan2fea.reconstruction.bare_faces import bare_faces
 from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, HIDDEN_VOLUME, PLACE, VOLUME_IN_DOUBT, WALL_ENDS
 from scan2fea.reconstruction.empty_places import empty_places
@@ -38,7 +39,7 @@ BEND_CHANCE, BEND_NOISE = 1e-6, 0.3  # a quadric bends by more than chance, and 
 BEND_SPACING = 0.02
 BEND_CHANCE_ONE = 1e-3  # of one face asked alone, where only an edge hangs on it
 CURED = frozenset(
-    {EDGES_GROWN, EDGES_CUT, VOLUME_IN_DOUBT, "deviation p95", "stray points", "unmeasured area", HIDDEN_VOLUME, DARK_HOLES, GAPS_ENTERED}
+    {BARE_ENDS, EDGES_GROWN, EDGES_CUT, VOLUME_IN_DOUBT, "deviation p95", "stray points", "unmeasured area", HIDDEN_VOLUME, DARK_HOLES, GAPS_ENTERED}
 )
 LEAST_POINTS, MANY = 10, 40  # of a face: to be tested whether it is bent, and to be tested alone
 UNCERTAIN = 0.02  # of the volume that the places of the planes leave open

@@ -42,7 +42,7 @@ def unseen_volume(mesh: TriangleMesh, places: FloatArray, normals: FloatArray, r
 
     A patch of area A and perimeter P spans a gap about 2 A / P wide; what it hides is taken as that deep: A^2 / P on either side.
     """
-    bare = _bare(mesh, places, normals, reach_m)
+    bare = bare_faces_of(mesh, places, normals, reach_m)
     if not bare.any():
         return 0.0, np.zeros((0, 3))
     twin = edge_table(mesh.faces).twin.reshape(-1, 3) // 3
@@ -57,7 +57,7 @@ def unseen_volume(mesh: TriangleMesh, places: FloatArray, normals: FloatArray, r
     return float(hidden.sum() / abs(volume(mesh))), corners[bare].mean(axis=1)
 
 
-def _bare(mesh: TriangleMesh, places: FloatArray, normals: FloatArray, reach_m: float) -> BoolArray:
+def bare_faces_of(mesh: TriangleMesh, places: FloatArray, normals: FloatArray, reach_m: float) -> BoolArray:
     """(m,) faces with no place of their own side within reach, by a search in six dimensions: position, and half the reach times the normal."""
     scale = reach_m / 2.0
     middle = mesh.vertices[mesh.faces].mean(axis=1)

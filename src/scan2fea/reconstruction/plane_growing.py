@@ -60,6 +60,8 @@ def grow_planes(points: FloatArray, normals: FloatArray, spacing_m: float, sigma
     Raises ReconstructionError beyond MOST_PLANES: a curved face falls into ever more of them.
     """
     off = tolerance_m(spacing_m, sigma_m)
+    if not len(points):
+        return Planes(normal=np.zeros((0, 3)), offset=np.zeros(0), label=np.zeros(0, np.int64), std_m=np.zeros(0))
     _, near = k_nearest(points, NEIGHBORS)
     alike = np.einsum("ni,nki->nk", normals, normals[near[:, 1:]])
     flatness = np.where(alike > 0, alike, 0.0).sum(axis=1) / np.maximum((alike > 0).sum(axis=1), 1)

@@ -90,7 +90,7 @@ def unseen_ends(evidence: Evidence) -> Ends:
             hidden.append(float(areas[stretch.faces[ends]] @ stretch.slack_m[ends]))
             where.append(mesh.vertices[mesh.faces[stretch.faces[ends]]].mean(axis=1))
     for stretch in unproved:
-        endless = _ends_part(stretch, mesh, normals, areas, stretch.wall_m + JOINED * evidence.spacing_m)
+        endless = ends_part(stretch.faces, mesh, normals, areas, stretch.wall_m + JOINED * evidence.spacing_m)
         hidden.append(body if endless else stretch.wall_m * stretch.length_m**2 / math.pi)
         where.append(mesh.vertices[mesh.faces[stretch.faces]].mean(axis=1))
     return Ends(
@@ -151,7 +151,7 @@ def _skin(evidence: Evidence, wall: float) -> float:
 def _gathered(evidence: Evidence, bare: IntArray, due: FloatArray, thick: FloatArray, slack: FloatArray) -> list[Stretch]:
     """Bare faces in stretches of which one piece was due EXPECTED points. due, slack : (m,) of all faces.   thick : (m, 3) wall at corners."""
     mesh = evidence.mesh
-    pieces = [piece for piece in _joined(mesh.faces, bare) if due[piece].sum() >= NEIGHBOURING]
+    pieces = [piece for piece in joined(mesh.faces, bare) if due[piece].sum() >= NEIGHBOURING]
     if not pieces:
         return []
     of = np.repeat(np.arange(len(pieces)), [len(piece) for piece in pieces])
@@ -248,7 +248,7 @@ def passed(places: FloatArray, origin: FloatArray, target: FloatArray, near: flo
     return out
 
 
-def _joined(faces: IntArray, chosen: IntArray) -> list[IntArray]:
+def joined(faces: IntArray, chosen: IntArray) -> list[IntArray]:
     """The chosen faces in sets that hang together by edges."""
     if not len(chosen):
         return []
@@ -271,9 +271,8 @@ def _near_each_other(places: FloatArray, of: IntArray, reach_m: float) -> IntArr
     return np.asarray(connected_components(graph, directed=False)[1][:n], np.int64)
 
 
-def _ends_part(stretch: Stretch, mesh: TriangleMesh, normals: FloatArray, areas: FloatArray, rough_m: float) -> bool:
-    """Does the whole part lie behind the plane of this stretch, rugged by `rough_m`, and is the stretch more than half of what lies in that plane?"""
-    own = stretch.faces
+def ends_part(own: IntArray, mesh: TriangleMesh, normals: FloatArray, areas: FloatArray, rough_m: float) -> bool:
+    """Does the whole part lie behind the plane of these faces, rugged by `rough_m`, and are they more than half of what lies in that plane?"""
     mean = (areas[own, None] * normals[own]).sum(axis=0) / areas[own].sum()
     length = float(np.linalg.norm(mean))
     if length < FLAT_END:

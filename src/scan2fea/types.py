@@ -68,9 +68,7 @@ class PointCloud(Value):
     intensity: FloatArray | None = None
     label: IntArray | None = None
 
-    _ROWS = (
-        ("points", "ray", "frame", "raw_index", "normals", "sigma_along_m", "sigma_across_m", "is_inferred", "colour", "intensity", "label"),
-    )
+    _ROWS = (("points", "ray", "frame", "raw_index", "normals", "sigma_along_m", "sigma_across_m", "is_inferred", "colour", "intensity", "label"),)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -350,12 +348,14 @@ class CatalogueEntry(Value):
     """A hypothesis about the section and its posterior probability; `parameters` are the dimensions it stands for.
 
     is_standard : the outer dimensions are those of a size of the table.
+    offset_m : how far outside of its faces the scan's would all lie, were it this size (sensor's zero, paint); below 0: within.
     """
 
     name: str
     probability: float
     parameters: Mapping[str, float]
     is_standard: bool = False
+    offset_m: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

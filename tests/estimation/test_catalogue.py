@@ -49,6 +49,56 @@ def test_a_size_of_the_table_is_found_within_mill_tolerances(name):
         assert shape.name in [e.name for e in entries[:3]]
 
 
+HE140A_INWARD = {"h": 0.1312, "b": 0.1382, "tw": 0.0037, "tf": 0.0067}  # every face 0.9 mm within the steel
+
+
+def test_faces_that_lie_off_together_are_told_from_another_size():
+    """A scanner whose zero is 0.9 mm off shortens every dimension by 1.8 mm; HE 140 AA is shorter in each by other amounts."""
+    known, covariance = dict.fromkeys(HE140A_INWARD, True), np.diag(np.square([2e-4, 2e-3, 2e-4, 2e-4]))
+    strict = posterior("I", HE140A_INWARD, covariance, known, TABLE)
+    assert "HE 140 A" not in [entry.name for entry in strict[:3]]
+    entries = posterior("I", HE140A_INWARD, covariance, known, TABLE, 0.8e-3)
+    assert entries[0].name == "HE 140 A" and entries[0].probability > 0.9
+    assert sum(entry.probability for entry in entries) == pytest.approx(1.0, abs=1e-3)
+    assert posterior("I", HE140A_INWARD, covariance, known, TABLE, 0.0)[0].probability == strict[0].probability
+    assert entries[0].offset_m == pytest.approx(-0.9e-3, abs=5e-5) and all(entry.offset_m == 0.0 for entry in strict)
+
+
+def test_offset_is_the_mean_over_all_offsets():
+    """Against a sum over offsets: the odds of two sizes, and the offset told with each."""
+    between = {"h": 0.1305, "b": 0.1392, "tw": 0.0044, "tf": 0.0067}
+    covariance, offset = np.diag(np.square([5e-4, 2e-3, 6e-4, 6e-4])), 0.8e-3
+    entries = posterior("I", between, covariance, dict.fromkeys(between, True), TABLE, offset)
+    found = {entry.name: entry.probability for entry in entries}
+    density = {}
+    for name in ("HE 140 A", "HE 140 AA"):
+        size = np.array(list(TABLE.named(name).parameters.values()))
+        std = np.array([max(0.004 * size[0], 3e-4), max(0.004 * size[1], 3e-4), max(0.035 * size[2], 2e-4), max(0.035 * size[3], 2e-4)])
+        shift = np.linspace(-8, 8, 4001)[:, None]
+        off = np.array(list(between.values())) - size - 2 * offset * shift
+        v = np.diag(covariance) + std**2
+        weight = np.exp(-0.5 * (off**2 / v).sum(axis=1) - 0.5 * shift[:, 0] ** 2) / np.sqrt(v.prod())
+        density[name] = float(weight.sum())
+        mean = offset * float(weight @ shift[:, 0]) / density[name]
+        assert next(entry for entry in entries if entry.name == name).offset_m == pytest.approx(mean, rel=1e-6)
+    assert found["HE 140 AA"] / found["HE 140 A"] == pytest.approx(density["HE 140 AA"] / density["HE 140 A"], rel=1e-6)
+
+
+def test_offset_is_of_no_account_where_a_wall_is_hidden():
+    """Outer dimensions that are all a little long are another size as likely as a sensor's zero: what is built for the wall hangs on that."""
+    known = {"h": True, "b": True, "tw": False, "tf": True}
+    covariance = np.diag(np.square([2e-4] * 4))
+    one = posterior("I", HE140A_INWARD, covariance, known, TABLE)
+    other = posterior("I", HE140A_INWARD, covariance, known, TABLE, 0.8e-3)
+    assert [(e.name, e.probability) for e in one] == [(e.name, e.probability) for e in other]
+
+
+def test_members_take_their_noise_for_what_faces_may_be_off_together():
+    member = made("I", std=2e-4)
+    sharp, hazy = (replace(member, sigma_m=sigma) for sigma in (1e-9, 2e-3))
+    assert catalogued(sharp, TABLE).catalogue[0].probability > catalogued(hazy, TABLE).catalogue[0].probability
+
+
 def test_order_of_legs_carries_nothing():
     std = (1e-4, 1e-4, 1e-4)
     one = asked("L", {"a": 0.127, "b": 0.0889, "t": 0.00635}, std)

@@ -91,6 +91,7 @@ def test_a_gridded_angle_of_the_lab_lies_within_its_own_doubt():
 
 def test_a_pattern_counts_where_it_is_neither_chance_nor_small():
     assert face_error(1e-4, 1e-9, 2e-4) == 1e-4
+    assert face_error(1e-4, 0.049, 2e-4) == 1e-4 and face_error(1e-4, 0.05, 2e-4) == 0.0  # on the threshold
     assert face_error(1e-4, 0.5, 2e-4) == 0.0 and face_error(1e-5, 1e-9, 2e-4) == 0.0
 
 

@@ -15,7 +15,7 @@ from scan2fea.errors import EstimationError
 from scan2fea.estimation.given import SIGNIFICANT, Given
 from scan2fea.pipeline.fit import FittedFile, FittedObject, fit_file, fit_objects, write_member
 from scan2fea.pipeline.route import Estimate
-from scan2fea.types import Bend, Member, Parameter, SectionChange
+from scan2fea.types import Bend, CatalogueEntry, Member, Parameter, SectionChange
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 NOT_EXPLAINED = 4
@@ -102,7 +102,10 @@ def _facts(member: Member) -> list[tuple[str, str]]:
     rows += [("bends" if k == 0 else "", _bend(bend)) for k, bend in enumerate(member.bends)]
     families = sorted(member.families.items(), key=lambda item: -item[1])
     rows.append(("families", ", ".join(f"{name} {_probability(p)}" for name, p in families[:4] if p > 5e-4)))
-    rows += [("catalogue" if k == 0 else "", f"{_probability(e.probability):>6}  {e.name}") for k, e in enumerate(member.catalogue[:SHOWN])]
+    rows += [
+        ("catalogue" if k == 0 else "", f"{_probability(e.probability):>6}  {_size(e, member.sigma_m)}")
+        for k, e in enumerate(member.catalogue[:SHOWN])
+    ]
     unseen = [name for name, share in member.seen.items() if share <= 0]
     rows.append(("faces", f"{len(member.seen) - len(unseen)} of {len(member.seen)} seen" + (f"; not seen: {', '.join(unseen)}" if unseen else "")))
     if member.told_toes:
@@ -119,6 +122,14 @@ def _facts(member: Member) -> list[tuple[str, str]]:
     if not member.damage:
         rows.append(("damage", "none that is significant"))
     return rows
+
+
+def _size(entry: CatalogueEntry, sigma_m: float) -> str:
+    """Its name, and how far off all faces would be together where that is more than half the noise."""
+    if abs(entry.offset_m) <= 0.5 * sigma_m:
+        return entry.name
+    where = "outside" if entry.offset_m > 0 else "within"
+    return f"{entry.name}, were all faces measured {abs(entry.offset_m) * MILLIMETRES_PER_METRE:.2g} mm {where} (sensor's zero, paint)"
 
 
 def _change(change: SectionChange) -> str:

@@ -57,14 +57,22 @@ class _Question(Value):
 
 
 def posterior(
-    family: str, values: Mapping[str, float], covariance: FloatArray, observable: Mapping[str, bool], table: Table | None = None
+    family: str,
+    values: Mapping[str, float],
+    covariance: FloatArray,
+    observable: Mapping[str, bool],
+    table: Table | None = None,
+    offset_m: float = 0.0,
 ) -> tuple[CatalogueEntry, ...]:
     """The sizes of the table by probability, and what speaks against all of them; the probabilities of all hypotheses add up to 1.
 
     values : estimates, metres.   covariance : (p, p) in the order of `values`.   observable : the others are left out of the comparison.
+    offset_m : standard deviation of how far all faces may lie off along their normals together (the sensor's zero, paint, scale): every dimension of
+    every family is then longer by twice as much. Of no account where a dimension is hidden: outer sizes alone do not tell it from another size.
     Raises UsageError for an unknown family or a missing dimension.
     """
-    asked = _question(family, values, covariance, observable, table)
+    common = (2 * offset_m) ** 2 if all(observable.get(name, True) for name in values) else 0.0  # variance of what all dimensions are longer by
+    asked = _question(family, values, np.asarray(covariance, float) + common, observable, table)
     told = {name: float(value) for name, value in zip(asked.names, asked.value, strict=True)}
     if not asked.shapes:
         return (CatalogueEntry(name=OTHER, probability=1.0, parameters=told),)
@@ -78,8 +86,14 @@ def posterior(
     for row in np.argsort(-share, kind="stable")[:MAX_ENTRIES]:
         if share[row] >= SMALLEST:
             size = asked.sizes[row, int(by_order[row].argmax())]
-            parameters = {name: float(v) for name, v in zip(asked.names, size, strict=True)}
-            entries.append(CatalogueEntry(name=asked.shapes[row].name, probability=float(share[row]), parameters=parameters, is_standard=True))
+            entry = CatalogueEntry(
+                name=asked.shapes[row].name,
+                probability=float(share[row]),
+                parameters={name: float(v) for name, v in zip(asked.names, size, strict=True)},
+                is_standard=True,
+                offset_m=_offset(asked, size, common) / 2,
+            )
+            entries.append(entry)
     if standard is not None:
         outer = " x ".join(f"{1e3 * v:.4g}" for n, v in standard.items() if n not in WALLS)
         name, parameters = f"{family} {outer}, another thickness", {**told, **standard}
@@ -200,9 +214,7 @@ def _middle(at: FloatArray, weight: FloatArray) -> int:
     return int(worth[int(np.argmin(cost))])
 
 
-def _conditioned(
-    asked: _Question, hidden: list[int], assumed: FloatArray, width: FloatArray, name: str, estimated: frozenset[str]
-) -> PriorThickness:
+def _conditioned(asked: _Question, hidden: list[int], assumed: FloatArray, width: FloatArray, name: str, estimated: frozenset[str]) -> PriorThickness:
     """Estimates of the observed dimensions given the assumed ones (conditional Gaussian); the covariance of a hidden one may be zero: unknown."""
     value, std = asked.value.copy(), np.sqrt(np.diag(asked.covariance))
     known, used = list(asked.known), [k for k in hidden if asked.covariance[k, k] > 0]
@@ -269,6 +281,14 @@ def _log_match(asked: _Question, sizes: FloatArray, which: Sequence[int]) -> Flo
     spread = _tolerance(asked.names, sizes)[..., which] ** 2
     covariance = asked.covariance[np.ix_(which, which)] + spread[..., None] * np.eye(len(which))
     return _log_gauss(asked.value[list(which)] - sizes[..., which], covariance)
+
+
+def _offset(asked: _Question, size: FloatArray, common: float) -> float:
+    """By how much all dimensions are longer together, were it that size: the mean given the estimates, of variance `common` beforehand."""
+    if not common > 0:
+        return 0.0
+    spread = asked.covariance + np.diag(_tolerance(asked.names, size) ** 2)
+    return common * float(np.linalg.solve(spread, asked.value - size).sum())
 
 
 def _log_sizes(asked: _Question) -> FloatArray:

@@ -37,7 +37,9 @@ _BINS, _MOST, _LEAST = 4096, 30, 4  # waves along the member; the shortest is te
 _INNER = 0.9  # of the member's length, in which waves are counted
 _SEEN = 0.5  # of the length of a face that ends a dimension: from there on points on it measure it, not the edge beside it
 _CAP_POINTS = 20
-_CHANCE, _PATTERN = 1e-3, 0.15  # p-value and share of the noise; simulated members without such errors show up to 0.07 (4,000 to 40,000 points)
+# p-value (what is missed leaves an interval too narrow, what is taken in error a hardly wider one); share of the noise: simulated members without
+# such errors show up to 0.07 (4,000 to 40,000 points)
+_CHANCE, _PATTERN = 0.05, 0.15
 
 # Per dimension and side: the faces of which one measures that side.
 _SIDES: Mapping[str, Mapping[str, tuple[tuple[str, ...], ...]]] = {

@@ -29,7 +29,9 @@ def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Giv
         "families": dict(member.families),
         "parameters": parameters,
         "covariance_m2": np.asarray(member.covariance).tolist(),
-        "catalogue": [{"name": e.name, "probability": e.probability, "parameters_m": dict(e.parameters)} for e in member.catalogue],
+        "catalogue": [
+            {"name": e.name, "probability": e.probability, "parameters_m": dict(e.parameters), "offset_m": e.offset_m} for e in member.catalogue
+        ],
         "T_world_member": np.asarray(member.T_world_member).tolist(),
         "bow_m": np.asarray(member.bow).tolist(),
         "twist_rad": np.asarray(member.twist).tolist(),

@@ -260,7 +260,7 @@ def _catalogue(entries: Sequence[Row]) -> Html:
         return NOTHING
     rest = sum(_share(row) for row in entries[LISTED:])
     more = tag("p", f"{len(entries) - LISTED} more hold {percent(rest)}.") if len(entries) > LISTED else NOTHING
-    note = tag("p", "No dimension is snapped to a standard size.")
+    note = tag("p", "No dimension is snapped to a standard size; all may be off by as much together (the scanner's zero, paint).")
     return joined((tag("h4", "Catalogue"), table(("section", "", "probability"), rows), more, note))
 
 

@@ -54,6 +54,23 @@ def test_an_angle_is_estimated_and_a_ball_is_not() -> None:
     assert route_of(ball, "auto").reason.startswith("free form: ")
 
 
+def test_two_faces_of_a_flat_are_told_by_the_word_that_nothing_hid_it() -> None:
+    """Where one face of each pair was seen, it may be the scan that ends; the reason says what would help."""
+    random = np.random.default_rng(5)
+    b, t, length, n = 0.0756, 0.0122, 0.581, 6000
+    on = random.random(n) < b / (b + t)
+    xy = np.where(on[:, None], np.c_[b * random.random(n), np.zeros(n)], np.c_[np.full(n, b), t * random.random(n)])
+    caps = np.c_[b * random.random(300), t * random.random(300), length * (random.random(300) < 0.5)]
+    turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    scan = Scan(cloud=PointCloud.of((np.r_[np.c_[xy, length * random.random(n)], caps] + random.normal(0, 2e-4, (n + 300, 3))) @ turn.T))
+    found = estimate(scan, MemberOptions(), RouteOptions())
+    assert found.member is None and "estimation.whole = true" in found.reason
+    whole = estimate(scan, MemberOptions(whole=True), RouteOptions())
+    assert whole.member is not None and whole.explains and whole.member.family == "rect"
+    told = {p.name: p for p in whole.member.parameters}
+    assert abs(told["b"].value_m - b) < 3 * told["b"].std_m and abs(told["t"].value_m - t) < 3 * told["t"].std_m
+
+
 def test_given_dimensions_are_held_and_tested() -> None:
     right = estimate(angle_scan(), MemberOptions(), RouteOptions(member="L160x100x12"))
     assert right.member is not None and right.member.values()["a"] == pytest.approx(0.16, abs=1e-12)

@@ -68,6 +68,8 @@ def _print_found(found: Estimate, member: Member) -> None:
         print(f"  given sizes   p-value {found.p_fixed:.3g} {'(the points contradict them)' if found.p_fixed < 0.01 else ''}")
     for g in found.given:
         print(f"  {'held' if g.held else 'compared':<13} {_given(g)}")
+    if not found.explains:
+        print("  what follows is the likeliest section of those that were tried, and not what these points are")
     print(f"\n  {'dimension':<12}{'value, mm':>12}{'std, mm':>10}  observable  from")
     for parameter in member.parameters:
         print(_line(parameter, is_told=parameter.observable and parameter.name not in found.untold))

@@ -24,6 +24,7 @@ from scan2fea.estimation.several import several_members
 from scan2fea.estimation.systematic import face_error
 from scan2fea.estimation.table import Table, read_table
 from scan2fea.kernel.noise import spacing
+from scan2fea.kernel.pinned import SEEN
 from scan2fea.kernel.pipe_path import pipe_path
 from scan2fea.kernel.sections import PARAMETERS, ROUND
 from scan2fea.options import option
@@ -162,8 +163,7 @@ def _straight(
     face_m = face_error(told.pattern_m, told.p_value, fit.section.sigma_m) if fit.method == "density" else 0.0
     member = widened(member, scan.cloud, doubt, face_m)
     if not any(p.observable or p.source == "fixed" for p in member.parameters if p.name != "length"):
-        why = f"no dimension of a {member.family} member was seen" if fit.explains else fit.reason
-        return Estimate(member=None, explains=False, reason=why, strip=strip)
+        return Estimate(member=None, explains=False, reason=_open(fit.member, options) if fit.explains else fit.reason, strip=strip)
     if fit.method == "density":
         member = with_standard_odds(member, alternatives(fit.section), table)
     try:
@@ -176,6 +176,13 @@ def _straight(
         member=member, explains=fit.explains, reason=_reason(fit, options), p_fixed=fit.p_fixed, given=fit.given, whole=options.whole, strip=strip,
         stray_share=told.stray_share if fit.explains else 0.0,
     )  # fmt: skip
+
+
+def _open(member: Member, options: MemberOptions) -> str:
+    """Why no dimension of a member that explains the points is told, and what the user may know of it."""
+    seen = ", ".join(name for name, share in member.seen.items() if share >= SEEN) or "none"
+    says = f"no dimension of a {member.family} member was seen: where its seen faces ({seen}) end, the scan may end"
+    return says if options.whole else f"{says}; if nothing hid it and nothing was cut off it, say so (estimation.whole = true)"
 
 
 def alternatives(fit: SectionFit) -> Mapping[str, Mapping[str, float]]:

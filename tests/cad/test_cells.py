@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from scan2fea.cad.cells import are_inside, cells_of, margin_face
+from scan2fea.cad.cells import _side, are_inside, cells_of, margin_face
 from scan2fea.cad.live import direction, moved_by, parts, pnt, tessellated
 from scan2fea.cad.readback import volume_of
 from scan2fea.kernel.surfaces import PLANE, Surface
@@ -50,3 +50,23 @@ def test_the_volume_of_crossing_cylinders_is_exact_wherever_they_stand(shift):
     beyond = quad(lambda y: 2 * np.sqrt(400 - y * y) * (100 - np.sqrt(900 - y * y)), -20, 20, epsabs=1e-9, epsrel=1e-12)[0]
     found = volume_of(moved_by(BRepAlgoAPI_Fuse(upright, lying).Shape(), np.array([shift, -shift, 0.0])))
     assert found == pytest.approx(np.pi * 900 * 200 + beyond, rel=1e-8)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.3, 0.8])
+@pytest.mark.parametrize("long", [1.0, 1.5])
+def test_a_plane_is_drawn_along_the_sides_of_its_region(turn, long):
+    """Of a square the largest spread has any direction: its corners reached through the walls beside it."""
+    grid = np.stack(np.meshgrid(np.linspace(-long, long, 9), np.linspace(-1, 1, 8)), axis=-1).reshape(-1, 2)
+    grid = grid + 0.01 * np.random.default_rng(0).standard_normal(grid.shape)
+    R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    way = _side(grid @ R.T)
+    best = min(
+        np.linspace(0, np.pi / 2, 9001), key=lambda a: np.ptp(grid @ R.T @ [np.cos(a), np.sin(a)]) * np.ptp(grid @ R.T @ [-np.sin(a), np.cos(a)])
+    )
+    assert max(abs(way @ [np.cos(best), np.sin(best)]), abs(way @ [-np.sin(best), np.cos(best)])) > 1 - 1e-6
+    if long > 1:
+        assert abs(way @ R[:, 0]) > 0.999
+
+
+def test_a_plane_region_on_one_line_has_some_side():
+    assert np.linalg.norm(_side(np.array([[0.0, 0], [1, 1], [2, 2]]))) == 1

@@ -11,6 +11,7 @@ from scan2fea.cad import true_solid
 from scan2fea.cad.competing import competed
 from scan2fea.cad.patches import Near, segmented
 from scan2fea.kernel.surfaces import CYLINDER, PLANE, Surface
+from scan2fea.remeshing.exact import drawn
 from scan2fea.repair import repair
 from scan2fea.types import TriangleMesh
 
@@ -100,3 +101,36 @@ def test_without_surfaces_nothing_changes():
     label, out = competed(mesh, near.of, near.smooth, np.full(len(mesh.faces), -1), [])
     assert (label == -1).all()
     assert out == []
+
+
+@functools.cache
+def shallow(depth):
+    """A block with a shallow pocket, its planes exact as in a drawn file; and its volume."""
+    side, radius = 0.014, 3.19e-3
+    with drawing() as occ:
+        rounded = occ.addRectangle(0.003, 0.003, 0.006 - depth, side, side, 0, radius)
+        tool = [part for part in occ.extrude([(2, rounded)], 0, 0, 0.01) if part[0] == 3]
+        occ.cut([(3, occ.addBox(0, 0, 0, side + 0.006, side + 0.006, 0.006))], tool)
+        mesh = triangles(6e-4)
+    return drawn(repair(mesh).mesh).mesh, (side + 0.006) ** 2 * 0.006 - depth * (side**2 - (4 - np.pi) * radius**2)
+
+
+@pytest.mark.parametrize("depth", [1.17e-3, 2e-3])
+def test_the_round_corners_of_a_pocket_beside_exact_planes_are_faces(depth):
+    """A plane that one face of the arc had joined became a cylinder, and its corner was lost (2 mm); a floor drawn askew closed the pocket (1.17)."""
+    mesh, held = shallow(depth)
+    found = true_solid(mesh, mesh.vertices, spacing_m=6e-4, noise_m=6e-4**2 / (8 * 3.19e-3))
+    assert sorted(found.brep.face_kinds) == [CYLINDER] * 4 + [PLANE] * 11
+    assert found.brep.volume_m3 == pytest.approx(held, rel=1e-6)
+
+
+def test_a_known_surface_keeps_its_values_while_its_faces_move():
+    mesh, surfaces = half_pipe()
+    middle = mesh.vertices[mesh.faces].mean(1)
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    label = (middle[:, 0] > 0.4).astype(np.int64)
+    found, out = competed(mesh, neighbours(mesh), normals, label, surfaces, 1)
+    assert out[0] is surfaces[0]
+    assert np.abs(middle[found == 0, 0].max()) < 0.1

@@ -33,15 +33,26 @@ def test_a_cylinder_that_was_taken_for_a_conic_is_a_line():
     samples = along((0, 0.06), (0.12, 0.06), 121)
     points, owner = scattered(samples, 6)
     piece = Piece(kind="conic", values=np.array([0.0036, 1e-6, -1e-4]), first=0, last=120)
-    found = _refitted(piece, points, owner)
+    found = _refitted(piece, samples, points, owner, 5e-4)
     assert found.kind == "line"
     assert np.abs(found.values) == pytest.approx([0, 1, 0.06], abs=3e-5)
 
 
 def test_an_ellipse_stays_a_conic():
     z = np.linspace(-0.02, 0, 100)
-    points, owner = scattered(np.column_stack([z, 0.06 * np.sqrt(1 - (z / 0.03) ** 2)]), 6)
-    assert _refitted(Piece(kind="conic", values=np.array([0.0036, 0.0, -4.0]), first=0, last=99), points, owner).kind == "conic"
+    samples = np.column_stack([z, 0.06 * np.sqrt(1 - (z / 0.03) ** 2)])
+    points, owner = scattered(samples, 6)
+    assert _refitted(Piece(kind="conic", values=np.array([0.0036, 0.0, -4.0]), first=0, last=99), samples, points, owner, 5e-4).kind == "conic"
+
+
+def test_a_bottom_of_which_a_strip_was_measured_is_not_what_fits_the_strip():
+    angle = np.linspace(0, np.pi / 2, 200)
+    samples = np.column_stack([0.03 * np.sin(angle), 0.06 * np.cos(angle)])
+    points, owner = scattered(samples, 6)
+    strip = (owner >= 20) & (owner < 30)
+    piece = Piece(kind="conic", values=np.array([0.0036, 0.0, -4.0]), first=0, last=199)
+    assert _refitted(piece, samples, points[strip], owner[strip], 5e-4) is piece
+    assert _refitted(piece, samples, points[strip], owner[strip], 1.0).kind == "line"
 
 
 @pytest.mark.parametrize(("bend", "gap", "n"), [(0.0, 0, 1), (0.05, 0, 2), (0.0, 4, 2)])
@@ -49,7 +60,7 @@ def test_pieces_of_one_line_without_a_gap_are_one(bend, gap, n):
     samples = np.concatenate([along((0, 0.06), (0.06, 0.06), 60), along((0.06, 0.06), (0.12, 0.06 + 0.06 * bend), 60)])
     points, owner = scattered(samples, 6)
     line = np.array([0.0, 1.0, 0.06])
-    pieces = [_refitted(Piece(kind="line", values=line, first=a, last=b), points, owner) for a, b in ((0, 59 - gap), (60, 119))]
+    pieces = [_refitted(Piece(kind="line", values=line, first=a, last=b), samples, points, owner, 5e-4) for a, b in ((0, 59 - gap), (60, 119))]
     assert len(_united(pieces, points, owner)) == n
 
 

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from scipy.spatial import ConvexHull, QhullError
 
 from scan2fea.cad.live import direction, joined_triangles, key, parts, pnt, solid_of_faces, tessellated, unified
 from scan2fea.cad.readback import volume_of
@@ -132,17 +133,33 @@ def _is_drawn(surface: Surface, before: Sequence[Surface]) -> bool:
 
 
 def _across(surface: Surface, points: FloatArray) -> FloatArray:
-    """A direction square to the axis: the long way of a plane region, the middle of a round one."""
+    """A direction square to the axis: a side of the least rectangle round a plane region, the middle of a round one."""
     e = surface.frame()
     flat = (points - surface.point) @ e.T
     if surface.kind == PLANE:
-        flat = flat - flat.mean(0)
-        return np.asarray(np.linalg.eigh(flat.T @ flat)[1][:, 1] @ e)
+        return np.asarray(_side(flat) @ e)
     unit = flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-300)
     middle = unit.mean(0)
     if np.linalg.norm(middle) < 1e-3:
         middle = np.array([1.0, 0.0])
     return np.asarray(middle / np.linalg.norm(middle) @ e)
+
+
+def _side(flat: FloatArray) -> FloatArray:
+    """(2,) the long side of the least rectangle round points of a plane: one side of it lies along their hull (Freeman, Shapira 1975).
+
+    The direction of the largest spread is any for a square, whose face then reaches through its neighbours' far sides.
+    """
+    try:
+        corners = flat[ConvexHull(flat).vertices]
+    except QhullError:  # all on one line
+        return np.array([1.0, 0.0])
+    along = np.roll(corners, -1, axis=0) - corners
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    across = np.column_stack([-along[:, 1], along[:, 0]])
+    size = np.stack([np.ptp(corners @ along.T, axis=0), np.ptp(corners @ across.T, axis=0)])
+    best = int(np.argmin(size[0] * size[1]))
+    return np.asarray(along[best] if size[0, best] >= size[1, best] else across[best])
 
 
 def kept_cells(cells: Any, mesh_mm: TriangleMesh) -> Any | None:

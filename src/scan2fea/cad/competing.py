@@ -23,11 +23,12 @@ FACING = float(np.cos(np.radians(30.0)))
 
 
 def competed(
-    mesh: TriangleMesh, of: IntArray, normals: FloatArray, label: IntArray, surfaces: Sequence[Surface]
+    mesh: TriangleMesh, of: IntArray, normals: FloatArray, label: IntArray, surfaces: Sequence[Surface], n_known: int = 0
 ) -> tuple[IntArray, list[Surface]]:
     """Labels and surfaces once no face changes. of : (m, 3) neighbours of each face.   normals : (m, 3) smoothed.   label : (m,), -1 stays.
 
-    A surface whose patch has changed may become a plane or a cylinder.
+    A surface whose patch has changed may become a plane or a cylinder; the first n_known stay as they are: the corners of an exact plane that one
+    face of the arc beside it joins hold nothing but that face's distance, and a cylinder of 950 mm explains it.
     """
     label, out = label.copy(), list(surfaces)
     if not out:
@@ -45,7 +46,7 @@ def competed(
             break
         touched = np.unique(np.concatenate([label[is_new], after[is_new]]))
         label = after
-        for k in touched.tolist():
+        for k in touched[touched >= n_known].tolist():
             out[k] = _again(mesh, normals, areas, np.flatnonzero(label == k), out[k])
     return label, out
 

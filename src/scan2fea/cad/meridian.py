@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scan2fea.kernel.coverage import is_unmeasured
 from scan2fea.kernel.polylines import evenly, length_of
 from scan2fea.kernel.surfaces import Surface
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
@@ -213,12 +214,12 @@ def fit_values(zr: FloatArray, kind: str) -> FloatArray | None:
 
 
 def joined(pieces: Sequence[Piece], samples: FloatArray, points: FloatArray, owner: IntArray, reach: float, slack: float) -> list[Piece] | None:
-    """The pieces in order, missing short ones put in, smooth joints made exactly smooth; None where two do not meet within reach.
+    """The pieces in order, missing short ones put in, those that nobody measured led on; None where two do not meet within reach.
 
     points : (n, 2) measured.   owner : (n,) the sample each is nearest to.   slack : of the width where a head runs into a shell.
     """
     closed = bool((samples[0] == samples[-1]).all())
-    full = _united([_refitted(p, points, owner) for p in pieces], points, owner)
+    full = _led_on(_united([_refitted(p, samples, points, owner, slack) for p in pieces], points, owner), samples, owner, reach)
     if len(full) < 2 and not (full and not closed):
         return None
     out: list[Piece] = []
@@ -231,17 +232,49 @@ def joined(pieces: Sequence[Piece], samples: FloatArray, points: FloatArray, own
         if between is None or any(corner(x, y, samples[s], 2 * reach) is None for x, y, s in ((a, between, a.last), (between, b, b.first))):
             return None
         out.append(between)
-    return _smoothed(out, samples, points, owner, slack)
+    return out
 
 
-def _refitted(piece: Piece, points: FloatArray, owner: IntArray) -> Piece:
-    """The piece through the measured points of its samples, away from its ends; a line where that leaves no more noise in them than a conic."""
-    used = _own(piece, points, owner)
+def _led_on(pieces: Sequence[Piece], samples: FloatArray, owner: IntArray, reach: float) -> list[Piece]:
+    """A piece that nobody measured is what its neighbour is, where that passes into it without an angle and stays within reach of it.
+
+    What a reconstruction puts where nobody looked is a guess: a wall as thick as elsewhere is no ellipsoid inside where it is one outside.
+    """
+    areas = _turned_areas(samples)
+    density = len(owner) / max(float(areas.sum()), 1e-300)
+    count = np.bincount(owner, minlength=len(samples))
+    bare = [is_unmeasured(float(areas[p.first : p.last + 1].sum()), int(count[p.first : p.last + 1].sum()), density) for p in pieces]
+    of = list(range(len(pieces)))
+    for k in [k for k, is_bare in enumerate(bare) if is_bare]:
+        own = samples[pieces[k].first : pieces[k].last + 1]
+        for j in (k - 1, k + 1):
+            if not 0 <= j < len(pieces) or bare[j] or np.abs(pieces[j].off(own)).max() > reach:
+                continue
+            near = samples[pieces[max(j, k)].first]
+            if abs(pieces[j].normal(near) @ pieces[k].normal(near)) > np.cos(np.radians(SMOOTH_DEG)):
+                of[k] = j
+                break
+    groups = [[pieces[k] for k in range(len(of)) if of[k] == j] for j in dict.fromkeys(of)]
+    return [replace(pieces[j], first=group[0].first, last=group[-1].last) for j, group in zip(dict.fromkeys(of), groups, strict=True)]
+
+
+def _turned_areas(samples: FloatArray) -> FloatArray:
+    """(n,) of the surface that each sample's half steps leave where they are turned."""
+    step = np.linalg.norm(np.diff(samples, axis=0), axis=1) * np.pi * (samples[1:, 1] + samples[:-1, 1])
+    return np.asarray((np.concatenate([[0.0], step]) + np.concatenate([step, [0.0]])) / 2)
+
+
+def _refitted(piece: Piece, samples: FloatArray, points: FloatArray, owner: IntArray, slack: float) -> Piece:
+    """The piece through the measured points of its samples, away from its ends; a line where that leaves no more noise in them than a conic.
+
+    slack : within which either must hold the samples. Of a bottom seen from above only the outermost strip is measured, which hardly bends.
+    """
+    used, own = _own(piece, points, owner), samples[piece.first : piece.last + 1]
     found = _through(piece, used, piece.kind) if len(used) >= LEAST_POINTS else None
-    if found is None:
+    if found is None or not _holds(found, own, slack):
         return piece
     line = _through(piece, used, "line")
-    return line if line is not None and _leaves_no_more(line, used, _left(found, used)) else found
+    return line if line is not None and _holds(line, own, slack) and _leaves_no_more(line, used, _left(found, used)) else found
 
 
 def _through(piece: Piece, used: FloatArray, kind: str) -> Piece | None:
@@ -330,46 +363,6 @@ def is_smooth(a: Piece, b: Piece, near: FloatArray, slack: float = 1e-6) -> bool
         return bool(widest > 0 and abs(np.sqrt(widest) - shell.values[2] / shell.values[1]) <= slack)
     gap = abs(float(a.off(near[None])[0])) + abs(float(b.off(near[None])[0]))
     return bool(gap <= 2 * slack and abs(a.normal(near) @ b.normal(near)) > np.cos(np.radians(SMOOTH_DEG)))
-
-
-def _smoothed(pieces: list[Piece], samples: FloatArray, points: FloatArray, owner: IntArray, slack: float) -> list[Piece] | None:
-    """A conic that runs smoothly into a cylinder gets its widest place there: r^2 = R^2 + C (z - z0)^2, z0 and C fitted again."""
-    out = list(pieces)
-    n, closed = len(out), bool((samples[0] == samples[-1]).all())
-    for k in range(n if closed else n - 1):
-        a, b = out[k], out[(k + 1) % n]
-        near = samples[a.last]
-        if not is_smooth(a, b, near, slack):
-            continue
-        i, j = (k, (k + 1) % n) if a.kind == "conic" else ((k + 1) % n, k)
-        head, shell = out[i], out[j]
-        if head.kind != "conic" or shell.kind != "line" or abs(shell.values[0]) > PARALLEL:
-            return None
-        radius = float(shell.values[2] / shell.values[1])
-        margin = max(1, (head.last - head.first) // 20)
-        used = points[(owner >= head.first + margin) & (owner <= head.last - margin)]
-        z0, c = _head(head, used if len(used) >= 12 else samples[head.first : head.last + 1], radius)
-        if c >= 0:
-            return None
-        out[i] = replace(head, values=np.array([radius**2 + c * z0**2, -2 * c * z0, c]))
-        out[j] = replace(shell, values=np.array([0.0, 1.0, radius]))
-    return out
-
-
-def _head(head: Piece, used: FloatArray, radius: float) -> tuple[float, float]:
-    """Gauss-Newton for z0 and C of r^2 = R^2 + C (z - z0)^2 by distances to first order."""
-    c = float(head.values[2])
-    z0 = float(-head.values[1] / (2 * c)) if c else float(used[:, 0].mean())
-    z, r = used.T
-    for _ in range(20):
-        f = r * r - radius**2 - c * (z - z0) ** 2
-        size = np.maximum(np.hypot(2 * r, 2 * c * (z - z0)), 1e-3 * radius)
-        J = np.column_stack([2 * c * (z - z0), -((z - z0) ** 2)]) / size[:, None]
-        step = np.linalg.lstsq(J, -f / size, rcond=None)[0]
-        z0, c = z0 + float(step[0]), c + float(step[1])
-        if abs(step[0]) < 1e-12:
-            break
-    return z0, c
 
 
 def corner(a: Piece, b: Piece, near: FloatArray, reach: float) -> FloatArray | None:

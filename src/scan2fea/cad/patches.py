@@ -88,6 +88,7 @@ def segmented(mesh: TriangleMesh, tolerance_m: float, known: Sequence[Surface] =
         free = np.flatnonzero(label < 0)
         label[free[_fits(near, free, surface, tolerance_m)]] = len(surfaces)
         surfaces.append(surface)
+    n_known = len(surfaces)
     turn = 1 - np.einsum("fc,fkc->fk", near.smooth, near.smooth[near.of]).min(1)
     tried = np.zeros(len(mesh.faces), bool)
     for seed in np.argsort(turn, kind="stable").tolist():
@@ -100,7 +101,7 @@ def segmented(mesh: TriangleMesh, tolerance_m: float, known: Sequence[Surface] =
         rows, surface = found
         label[rows] = len(surfaces)
         surfaces.append(surface)
-    return _merged(near, label, surfaces, tolerance_m)
+    return _merged(near, label, surfaces, tolerance_m, n_known)
 
 
 def _given(mesh: TriangleMesh, near: Near) -> tuple[IntArray, list[Surface]]:
@@ -193,11 +194,14 @@ def is_bent(near: Near, rows: IntArray, surface: Surface) -> bool:
     return bool(least > FLAT_RAD / 2)
 
 
-def _merged(near: Near, label: IntArray, surfaces: list[Surface], tolerance: float) -> Patches:
-    """Regions that are one surface joined, stray faces given to a neighbour they lie on, pieces that do not touch numbered apart."""
+def _merged(near: Near, label: IntArray, surfaces: list[Surface], tolerance: float, n_known: int) -> Patches:
+    """Regions that are one surface joined, stray faces given to a neighbour they lie on, pieces that do not touch numbered apart.
+
+    n_known : surfaces, the first ones, that were given.
+    """
     label = label.copy()
     _join(near, label, surfaces, tolerance)
-    label, surfaces = competed(near.mesh, near.of, near.smooth, label, surfaces)
+    label, surfaces = competed(near.mesh, near.of, near.smooth, label, surfaces, n_known)
     _join(near, label, surfaces, tolerance)
     for _ in range(12):
         front = np.flatnonzero((label < 0) & (label[near.of] >= 0).any(1))

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from scan2fea.cad.cells import cells_of, kept_cells, margin_face
+from scan2fea.cad.heads import smoothed
 from scan2fea.cad.live import direction, is_valid, parts, pnt
 from scan2fea.cad.meridian import Piece, corner, half_plane, is_smooth, joined, path_of, pieces_of, resampled, turns_about
 from scan2fea.cad.patches import Near, Patches
@@ -38,7 +39,9 @@ def turned_solid(
         return None, "no half-plane through the axis cuts it along one line"
     samples, measured, owner = _meridian(path, half_plane(axis, points_mm), spacing, noise)
     pieces = pieces_of(samples, noise + 0.05 * spacing, round(LEAST_SPACINGS * FINE))
-    whole = joined(pieces, samples, measured, owner, reach, 3 * noise + 0.1 * spacing) if pieces else None
+    slack = 3 * noise + 0.1 * spacing
+    whole = joined(pieces, samples, measured, owner, reach, slack) if pieces else None
+    whole = None if whole is None else smoothed(whole, samples, measured, owner, reach, slack)
     if whole is None:
         return None, "its meridian is not made of lines and conics that meet"
     body = _revolved(axis, whole, samples)

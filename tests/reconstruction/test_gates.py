@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from predicates import assert_closed_manifold_oriented, box, extruded, l_beam, sphere
-from scan2fea.kernel.distances import sample_surface
+from scan2fea.kernel.distances import distance_to_mesh, sample_surface
 from scan2fea.kernel.measures import area, face_normals, volume
 from scan2fea.reconstruction import visibility
 from scan2fea.reconstruction.evidence import Evidence, at_least, at_most, scatter_m, wall_m
@@ -145,12 +145,12 @@ def test_noise_past_the_middle_of_a_wall(plate):
 def test_a_gap_counts_where_no_sight_line_tells_it_from_a_hole():
     ball = sphere(1.0, rounds=5)
     points, _ = sampled(ball, 0.06)
-    assert hidden_volume(ball, points, 0.06, REACH_UNSEEN).value < 1e-4  # random points leave that little bare
+    assert hidden_volume(ball, distance_to_mesh(points, ball), 0.06, REACH_UNSEEN).value < 1e-4  # random points leave that little bare
     gap = points[np.linalg.norm(points - [0.0, 0.0, 1.0], axis=1) > 2.9 * 0.06]
-    assert hidden_volume(ball, gap, 0.06, REACH).value == 0.0
+    assert hidden_volume(ball, distance_to_mesh(gap, ball), 0.06, REACH).value == 0.0
     bare = (2.9 - REACH_UNSEEN) * 0.06  # radius of what is bare, if points stood on the very border of the gap; they stand half a spacing off
     least, most = (0.5 * np.pi * radius**3 / volume(ball) for radius in (bare, bare + 0.03))
-    assert least < hidden_volume(ball, gap, 0.06, REACH_UNSEEN).value < most
+    assert least < hidden_volume(ball, distance_to_mesh(gap, ball), 0.06, REACH_UNSEEN).value < most
 
 
 def test_a_gap_inside_one_face_of_a_flat_solid_counts():
@@ -159,7 +159,7 @@ def test_a_gap_inside_one_face_of_a_flat_solid_counts():
     points, normals = sampled(slab, h)
     assert hidden_volume_flat(slab, points, h).value == 0.0
     under = (normals[:, 2] > 0.5) & (np.abs(points[:, :2] - [0.25, 0.3]).max(axis=1) < 0.15)
-    assert hidden_volume(slab, points[~under], h).value == 0.0
+    assert hidden_volume(slab, distance_to_mesh(points[~under], slab), h).value == 0.0
     least, most = ((side**2) ** 2 / (4 * side) / volume(slab) for side in (0.3 - 2 * REACH * h, 0.3))
     assert 0.8 * least < hidden_volume_flat(slab, points[~under], h).value < most
     small = np.linalg.norm(points - [0.25, 0.3, 0.3], axis=1) < 2.5 * h  # what REACH does not tell from chance

@@ -17,7 +17,7 @@ from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.hanging import Among
 from scan2fea.reconstruction.planar import flattened
 from scan2fea.reconstruction.plane_growing import Planes, grow_planes, robust_plane
-from scan2fea.reconstruction.strips import _without_backs, rim_offset
+from scan2fea.reconstruction.strips import _own, _without_backs, rim_offset
 from scan2fea.simulation.shapes import bracket
 from scan2fea.types import Scan
 from scanned import scanned
@@ -203,3 +203,23 @@ def test_faces_that_look_apart_beside_each_other_or_through_a_thin_wall_are_two(
     through = rng.integers(0, 2, 500)
     points[:, 2] = -0.002 * through
     assert len(backs(points, through, [[0, 0, 1], [0, 0, -1]], [0.0, 0.002])) == 2
+
+
+def test_faces_of_a_strip_are_those_that_lean_as_its_seed_does_and_lie_as_far_out():
+    rng = np.random.default_rng(4)
+    middle, area, free = rng.uniform(-1, 1, (300, 3)), rng.uniform(0, 1, 300), rng.random(300) < 0.7
+    direction = rng.normal(size=(300, 3)) * [0.4, 0.4, 1.0]
+    length = np.linalg.norm(direction, axis=1)
+    leans = np.cos(np.radians(35.0))
+    for seed in range(0, 300, 11):
+        way = direction[seed] / length[seed]
+        alike = free & (direction @ way >= leans * length)
+        wanted = alike & (np.abs((middle - middle[seed]) @ way) <= 0.3)
+        for _ in range(3):
+            if not wanted.any():
+                break
+            way = area[wanted] @ direction[wanted]
+            way /= np.linalg.norm(way)
+            wanted = alike & (np.abs(middle @ way - np.average(middle[wanted] @ way, weights=area[wanted])) <= 0.3)
+        own, total = _own(middle, area, direction, length, seed, free, 0.3)
+        assert np.array_equal(own, wanted) and total == pytest.approx(area[wanted].sum())

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from predicates import assert_closed_manifold_oriented, assert_no_crossing, moved, rotation
+from predicates import assert_closed_manifold_oriented, assert_no_crossing, box, moved, rotation
 from scan2fea.errors import ReconstructionError
 from scan2fea.kernel.arrangement import Arrangement
 from scan2fea.kernel.distances import PointToMesh
@@ -11,7 +11,7 @@ from scan2fea.kernel.measures import volume
 from scan2fea.kernel.surfaces import CYLINDER, Surface
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction import reconstruct, visibility
-from scan2fea.reconstruction.bores import wall_bores
+from scan2fea.reconstruction.bores import Near, wall_bores
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.gates_round import out_of_round
 from scan2fea.reconstruction.pictures import Rolled
@@ -21,7 +21,7 @@ from scan2fea.reconstruction.round_cuts import cut_round, facets, shapes
 from scan2fea.reconstruction.round_gaps import between
 from scan2fea.reconstruction.round_growing import Rounds, grow_rounds
 from scan2fea.reconstruction.rounds import on_rounds
-from scan2fea.reconstruction.shapes_found import rounds_of
+from scan2fea.reconstruction.shapes_found import flat_faces, planes_beside, round_faces, rounds_of
 from scan2fea.simulation.shapes import bracket, chs
 from scan2fea.types import TriangleMesh
 from scanned import scan_of, scanned
@@ -163,6 +163,27 @@ def test_cylinders_follow_motion_and_scale_and_leave_the_points_alone():
     R = rotation(9)
     two = rounds_of(100.0 * scan.cloud.points @ R.T, replace(first, normals=first.normals @ R.T, spacing_m=100 * first.spacing_m, sigma_m=0.0))
     assert [s.radius for s in one.surfaces] == pytest.approx([s.radius / 100 for s in two.surfaces], rel=1e-6)
+
+
+def test_faces_are_found_once_cylinders_and_the_planes_beside_them():
+    scan, _, _ = scanned(TUBE, 0.004, seed=7)
+    points, first = scan.cloud.points, visibility(scan)
+    faces = round_faces(points, first)
+    again = planes_beside(points, first, faces.rounds)
+    assert len(faces.rounds) == 2 and np.all(np.diff(np.bincount(faces.rounds.label + 1)[1:]) <= 0)
+    assert np.array_equal(faces.planes.normal, again.normal) and np.array_equal(faces.planes.label, again.label)
+    assert not np.any((faces.planes.label >= 0) & (faces.rounds.label >= 0))
+    assert len(flat_faces(points, first).rounds) == 0
+    plate = scanned(moved(box((0.1, 0.08, 0.02)), POSE, np.zeros(3)), 0.005, seed=7)[0]
+    assert round_faces(plate.cloud.points, visibility(plate)) is None
+
+
+def test_places_in_a_circle_are_those_of_all():
+    rng = np.random.default_rng(0)
+    places = rng.uniform(-1, 1, (200, 2))
+    near, away = Near.of(places), np.linalg.norm(places - [0.2, 0.1], axis=1)
+    for outer, inner in ((0.5, 0.0), (0.7, 0.3), (3.0, 0.0), (0.2, 0.4), (-0.1, 0.0)):
+        assert np.array_equal(near.within(np.array([0.2, 0.1]), outer, inner), np.flatnonzero((away <= outer) & (away >= inner)))
 
 
 def test_cylinders_that_would_cut_space_to_dust_are_given_up(monkeypatch):

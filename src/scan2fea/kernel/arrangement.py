@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scan2fea.kernel.jit import jit
 from scan2fea.kernel.primitives import Plane
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
@@ -76,6 +77,7 @@ class Arrangement:
         self.facets: list[set[int]] = [set()]
         self.tree: list[tuple[int, int, int]] = [(-1, 0, 0)]  # plane, node in front, node behind; a leaf is (-1, cell, 0)
         self.leaf = [0]  # node of each cell
+        self._nodes = np.zeros((0, 3), np.int64)
         self._box(len(normals), low, high)
 
     def _box(self, first: int, low: FloatArray, high: FloatArray) -> None:
@@ -111,17 +113,9 @@ class Arrangement:
 
     def located(self, points: FloatArray) -> IntArray:
         """(n,) the cell each point lies in; points on a plane count as behind it."""
-        out = np.zeros(len(points), np.int64)
-        stack = [(0, np.arange(len(points)))]
-        while stack:
-            node, rows = stack.pop()
-            plane, front, behind = self.tree[node]
-            if plane < 0:
-                out[rows] = front
-                continue
-            side = points[rows] @ self.normals[plane] > self.offsets[plane]
-            stack += [(front, rows[side]), (behind, rows[~side])]
-        return out
+        if len(self._nodes) != len(self.tree):  # every cut of a cell makes two nodes more
+            self._nodes = np.array(self.tree, np.int64)
+        return _located(np.ascontiguousarray(points, float), self._nodes, self.normals, self.offsets)
 
     def holding(self, points: FloatArray) -> list[int]:
         """The cells that any of the points lies in."""
@@ -210,3 +204,17 @@ def boundary_facets(cells: Cells, inside: BoolArray) -> tuple[IntArray, BoolArra
     label = np.append(inside, False)[cells.cell]  # row -1, beyond the box, is outside
     wanted = np.flatnonzero(label[:, 0] != label[:, 1])
     return wanted, label[wanted, 1]
+
+
+@jit
+def _located(points: FloatArray, nodes: IntArray, normals: FloatArray, offsets: FloatArray) -> IntArray:
+    """(n,) down from node 0: nodes (k, 3) are plane, node in front, node behind; a leaf is -1 and its cell."""
+    out = np.zeros(len(points), np.int64)
+    for i in range(len(points)):
+        node = 0
+        while nodes[node, 0] >= 0:
+            plane = nodes[node, 0]
+            height = points[i, 0] * normals[plane, 0] + points[i, 1] * normals[plane, 1] + points[i, 2] * normals[plane, 2]
+            node = nodes[node, 1] if height > offsets[plane] else nodes[node, 2]
+        out[i] = nodes[node, 1]
+    return out

@@ -126,13 +126,17 @@ def measured_part(mesh: TriangleMesh, origin: IntArray) -> TriangleMesh:
     return TriangleMesh(vertices=mesh.vertices[used], faces=packed.reshape(-1, 3).astype(np.int64))
 
 
-def unmeasured_share(mesh: TriangleMesh, points: FloatArray, reach_m: float) -> float:
-    """Share of the area with no point of its own side within `reach_m`. points : (n, 3) measured ones only."""
+def unmeasured_share(mesh: TriangleMesh, points: FloatArray, reach_m: float, face_of_point: IntArray | None = None) -> float:
+    """Share of the area with no point of its own side within `reach_m`.
+
+    points : (n, 3) measured ones only.   face_of_point : (n,) the nearest face of each, where known.
+    """
     if not len(points) or not len(mesh.faces):
         return 1.0
     normals = face_normals(mesh)
     places, face, share = _samples(mesh, reach_m / 2)
-    gap = _gap_to_points(places, normals[face], points, normals[PointToMesh(mesh).nearest(points).face], reach_m)
+    own = PointToMesh(mesh).nearest(points).face if face_of_point is None else face_of_point
+    gap = _gap_to_points(places, normals[face], points, normals[own], reach_m)
     return float(share[~np.isfinite(gap)].sum() / share.sum())
 
 

@@ -11,7 +11,7 @@ from scan2fea.kernel.face_tree import FaceTree, face_tree, morton_order
 from scan2fea.kernel.jit import jit
 from scan2fea.kernel.measures import face_areas, face_normals, vertex_normals
 from scan2fea.kernel.topology import edge_table
-from scan2fea.types import FloatArray, IntArray, TriangleMesh, Value
+from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -22,6 +22,10 @@ class Nearest(Value):
     face: IntArray
     closest: FloatArray
     weights: FloatArray
+
+    def of(self, rows: BoolArray | IntArray | slice) -> Nearest:
+        """Those of some of the points."""
+        return Nearest(distance=self.distance[rows], face=self.face[rows], closest=self.closest[rows], weights=self.weights[rows])
 
 
 @jit

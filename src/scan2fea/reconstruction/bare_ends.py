@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_areas, face_normals
 from scan2fea.reconstruction.evidence import Evidence, around, at_most
 from scan2fea.reconstruction.hidden_volume import REACH, bare_faces_of
@@ -28,7 +27,7 @@ def bare_ends(evidence: Evidence) -> Check:
     A cap is flat, the whole part lies behind its plane, more than half of what lies in that plane has no point, and the points round it look aside.
     """
     mesh, reach_m = evidence.mesh, REACH * evidence.spacing_m
-    near, normals, areas = PointToMesh(mesh).nearest(evidence.backed), face_normals(mesh), face_areas(mesh)
+    near, normals, areas = evidence.nearest_backed, face_normals(mesh), face_areas(mesh)
     looks = normals[near.face]
     bare = bare_faces_of(mesh, near.closest, looks, reach_m)
     middle = mesh.vertices[mesh.faces].mean(axis=1)

@@ -6,13 +6,16 @@ the hole is (`empty_places`), and points between the faces then tell centre and 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from scipy.spatial import cKDTree
 
 from scan2fea.kernel.surfaces import CYLINDER, Surface, fitted
 from scan2fea.reconstruction.empty_places import FACING, empty_circles
 from scan2fea.reconstruction.plane_growing import Planes
 from scan2fea.reconstruction.round_growing import off_round_m, radius_std
-from scan2fea.types import BoolArray, FloatArray
+from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 EMPTY = 6.0  # points of both faces that a circle lacks: what lies on the hole's wall then proves it, between the faces no point lies by chance
 AROUND = 8  # sectors round a hole, each with points of the faces, and of at least half with points of its wall
@@ -25,6 +28,25 @@ LEAST_POINTS = 5  # of the wall: two more than a circle needs
 RADIUS_KNOWN = 0.08  # std of a radius, of it
 EXACTLY = 0.02  # spacings: the same for exact points
 ROUNDS = 8
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Near(Value):
+    """Places in a plane, and a tree of them: which lie in a circle costs no look at the others.   places : (n, 2)."""
+
+    places: FloatArray
+    tree: cKDTree
+
+    @classmethod
+    def of(cls, places: FloatArray) -> Near:
+        return cls(places=places, tree=cKDTree(places))
+
+    def within(self, middle: FloatArray, outer: float, inner: float = 0.0) -> IntArray:
+        """(k,) rows, ascending, of the places from `inner` to `outer` away from a middle (2,)."""
+        if outer < 0.0:
+            return np.zeros(0, np.int64)
+        rows = np.array(self.tree.query_ball_point(middle, outer, return_sorted=True), np.int64)
+        return np.asarray(rows[np.linalg.norm(self.places[rows] - middle, axis=1) >= inner])
 
 
 def wall_bores(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: float) -> list[Surface]:
@@ -62,15 +84,17 @@ def _between(points: FloatArray, planes: Planes, i: int, j: int, spacing_m: floa
         return []
     density = 2.0 * _density(points[planes.label == i] @ axes.T, spacing_m)
     large = np.flatnonzero(np.pi * density * radius**2 >= EMPTY)
-    wall, out, taken = points[between], list[tuple[int, Surface]](), list[int]()
+    near_flat, wall, out = Near.of(flat), points[between], list[tuple[int, Surface]]()
+    near_wall = Near.of(wall @ axes.T)
+    is_free = np.ones(len(middle), bool)  # of the circles taken before
     for k in large[np.argsort(-radius[large], kind="stable")]:
-        if any(np.linalg.norm(middle[k] - middle[t]) < radius[t] for t in taken) or not _around(flat, middle[k], radius[k]):
+        if not is_free[k] or not _around(near_flat, middle[k], radius[k]):
             continue
-        taken.append(int(k))
+        is_free &= np.linalg.norm(middle - middle[k], axis=1) >= radius[k]
         start = Surface(
             kind=CYLINDER, point=middle[k] @ axes + plane.offset * plane.normal, axis=plane.normal, radius=float(radius[k]), sense=-1
         )
-        hole = _fitted(start, wall, is_deep, flat, axes, spacing_m, sigma_m)
+        hole = _fitted(start, wall, near_wall, is_deep, near_flat, axes, spacing_m, sigma_m)
         if hole is not None:
             out.append(hole)
     return out
@@ -82,11 +106,9 @@ def _density(flat: FloatArray, spacing_m: float) -> float:
     return len(flat) / (len(cells) * 9.0 * spacing_m**2)
 
 
-def _around(flat: FloatArray, middle: FloatArray, radius: float) -> bool:
+def _around(flat: Near, middle: FloatArray, radius: float) -> bool:
     """Are there points of the faces on all sides of a circle?"""
-    away = flat - middle
-    near = away[np.linalg.norm(away, axis=1) <= WIDE * radius]
-    return len(_sectors(near)) == AROUND
+    return len(_sectors(flat.places[flat.within(middle, WIDE * radius)] - middle)) == AROUND
 
 
 def _sectors(across: FloatArray) -> FloatArray:
@@ -94,16 +116,14 @@ def _sectors(across: FloatArray) -> FloatArray:
 
 
 def _fitted(
-    start: Surface, wall: FloatArray, is_deep: BoolArray, flat: FloatArray, axes: FloatArray, spacing_m: float, sigma_m: float
+    start: Surface, wall: FloatArray, near: Near, is_deep: BoolArray, flat: Near, axes: FloatArray, spacing_m: float, sigma_m: float
 ) -> tuple[int, Surface] | None:
     """The cylinder through points between the faces that lie in and at an empty circle; None where they tell no circle."""
     off, along = off_round_m(spacing_m, sigma_m), np.array([True, True, False, False, True])
-    surface, before = start, np.zeros(len(wall), bool)
+    surface, before = start, np.zeros(0, np.int64)
     for step in range(ROUNDS):
-        away = (wall - surface.point) @ axes.T
-        rho = np.linalg.norm(away, axis=1)
-        own = np.abs(rho - surface.radius) <= off if step else rho <= surface.radius + off
-        if own.sum() < LEAST_POINTS:
+        own = near.within(surface.point @ axes.T, surface.radius + off, surface.radius - off if step else 0.0)
+        if len(own) < LEAST_POINTS:
             return None
         if np.array_equal(own, before):
             break
@@ -111,16 +131,13 @@ def _fitted(
         if fit is None or not 0.3 * start.radius < fit.radius < 1.3 * start.radius:
             return None
         surface, before = fit, own
-    return (int(own.sum()), surface) if np.sum(own & is_deep) >= LEAST_DEEP and _is_hole(surface, wall[own], wall, flat, axes, off, sigma_m) else None
+    return (len(own), surface) if is_deep[own].sum() >= LEAST_DEEP and _is_hole(surface, wall[own], near, flat, axes, off, sigma_m) else None
 
 
-
-def _is_hole(
-    surface: Surface, own: FloatArray, wall: FloatArray, flat: FloatArray, axes: FloatArray, off: float, sigma_m: float
-) -> bool:
+def _is_hole(surface: Surface, own: FloatArray, wall: Near, flat: Near, axes: FloatArray, off: float, sigma_m: float) -> bool:
     """Points all round it, a radius that they tell, and hardly any point in it, of the faces or between them."""
     middle = surface.point @ axes.T
-    inside = [np.linalg.norm(q - middle, axis=1) < surface.radius - off for q in (flat, wall @ axes.T)]
+    inside = sum(len(every.within(middle, surface.radius - off)) for every in (flat, wall))
     all_round = len(_sectors(own @ axes.T - middle)) >= AROUND / 2
     known = radius_std(surface, own, sigma_m) <= RADIUS_KNOWN * surface.radius
-    return bool(all_round and known and sum(int(q.sum()) for q in inside) <= 0.05 * len(own))
+    return bool(all_round and known and inside <= 0.05 * len(own))

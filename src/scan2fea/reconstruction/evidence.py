@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from scan2fea.kernel.distances import Nearest, PointToMesh
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.reconstruction.outside import Flood
@@ -59,6 +61,19 @@ class Evidence(Value):
     ends_before: tuple[Ends, ...] = ()
 
     _ROWS = (("points", "smoothed", "normals", "thickness_m", "gap_m", "is_inferred", "sensors"),)
+
+    @cached_property
+    def nearest(self) -> Nearest:
+        """The places of the mesh under the points."""
+        return PointToMesh(self.mesh).nearest(self.points)
+
+    @property
+    def nearest_measured(self) -> Nearest:
+        return self.nearest if self.is_inferred is None else self.nearest.of(~self.is_inferred)
+
+    @property
+    def nearest_backed(self) -> Nearest:
+        return self.nearest.of(slice(len(self.points) - self.n_hidden)) if self.n_hidden else self.nearest
 
     @property
     def measured(self) -> FloatArray:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_normals
 from scan2fea.reconstruction.bare_ends import bare_ends
 from scan2fea.reconstruction.budget import VOLUME_IN_DOUBT, volume_in_doubt
@@ -41,7 +40,7 @@ STRAY_SIGMAS, STRAY_SPACINGS = 3.0, 0.5
 
 def gates_seen(evidence: Evidence, held: float) -> tuple[Check, ...]:
     """The checks where sensor positions are known. held : share of the points under which the cut found the inside."""
-    nearest = PointToMesh(evidence.mesh).nearest(evidence.measured)
+    nearest = evidence.nearest_measured
     sigma = scatter_m(evidence, nearest.distance)
     limit = DEVIATION_SEEN * (sigma + QUIET * evidence.spacing_m)
     return in_all(
@@ -49,7 +48,7 @@ def gates_seen(evidence: Evidence, held: float) -> tuple[Check, ...]:
         *resolution(evidence),
         *rims(evidence),
         *coverage(evidence, UNMEASURED_SEEN, sigma),
-        hidden_volume(evidence.mesh, evidence.backed, evidence.spacing_m),
+        hidden_volume(evidence.mesh, evidence.nearest_backed, evidence.spacing_m),
         wall_ends(evidence),
         bare_ends(evidence),
         cut_agrees(held),
@@ -60,7 +59,7 @@ def gates_seen(evidence: Evidence, held: float) -> tuple[Check, ...]:
 def gates_unseen(evidence: Evidence, unseen: Unseen) -> tuple[Check, ...]:
     """The checks where sensor positions are not known: those above, and that four ways of telling the outside agree."""
     points, least = evidence.measured, QUIET * evidence.spacing_m
-    nearest = PointToMesh(evidence.mesh).nearest(points)
+    nearest = evidence.nearest_measured
     normals = face_normals(evidence.mesh)[nearest.face]
     signed = np.einsum("ij,ij->i", points - nearest.closest, normals)
     sigma = scatter_m(evidence, nearest.distance)
@@ -71,7 +70,7 @@ def gates_unseen(evidence: Evidence, unseen: Unseen) -> tuple[Check, ...]:
         *resolution(evidence),
         *mixed(evidence),
         *coverage(evidence, UNMEASURED_UNSEEN, sigma),
-        hidden_volume(evidence.mesh, evidence.backed, evidence.spacing_m, REACH_UNSEEN),
+        hidden_volume(evidence.mesh, evidence.nearest_backed, evidence.spacing_m, REACH_UNSEEN),
         wall_ends(evidence),
         bare_ends(evidence),
         *winding_agrees(evidence),
@@ -93,13 +92,13 @@ def gates_again(evidence: Evidence, before: tuple[Check, ...], seen: bool) -> tu
     seen : were the sensor positions known?
     """
     points, least = evidence.measured, QUIET * evidence.spacing_m
-    distance = PointToMesh(evidence.mesh).nearest(points).distance
+    distance = evidence.nearest_measured.distance
     sigma = scatter_m(evidence, distance)
     asked = (
         *resolution(evidence),
         *rims(evidence),
         *coverage(evidence, UNMEASURED_SEEN if seen else UNMEASURED_UNSEEN, sigma),
-        hidden_volume(evidence.mesh, evidence.backed, evidence.spacing_m, REACH if seen else REACH_UNSEEN),
+        hidden_volume(evidence.mesh, evidence.nearest_backed, evidence.spacing_m, REACH if seen else REACH_UNSEEN),
         wall_ends(evidence),
         bare_ends(evidence),
         deviation(distance, (DEVIATION_SEEN if seen else DEVIATION_UNSEEN) * (sigma + least)),

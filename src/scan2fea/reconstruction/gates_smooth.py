@@ -15,7 +15,7 @@ from scan2fea.reconstruction.gates_surface import deviation, stray
 from scan2fea.reconstruction.hidden_volume import LIMIT, hidden_volume
 from scan2fea.reconstruction.sight import Sight
 from scan2fea.reconstruction.visibility import Reconstruction
-from scan2fea.types import Check, FloatArray, Scan, TriangleMesh
+from scan2fea.types import Check, FloatArray, IntArray, Scan, TriangleMesh
 
 ONE_SIDED = 0.02  # spacings, besides chance: over edges all held-out points lie on one side of a smooth surface
 PLACES = 2000  # in the solid, where sight lines are asked for
@@ -31,7 +31,8 @@ def gates_smooth(scan: Scan, first: Reconstruction, mesh: TriangleMesh, held_out
     """
     cloud, h, sigma = scan.cloud, first.spacing_m, first.sigma_m
     measured = cloud.points if cloud.is_inferred is None else cloud.points[~cloud.is_inferred]
-    off = PointToMesh(mesh).nearest(measured).distance
+    near = PointToMesh(mesh).nearest(measured)
+    off = near.distance
     body = abs(volume(mesh))
     scatter, mean = float(np.sqrt(np.mean(held_out**2))), abs(float(held_out.mean()))
     chance = 3.0 * scatter / np.sqrt(len(held_out))
@@ -57,15 +58,15 @@ def gates_smooth(scan: Scan, first: Reconstruction, mesh: TriangleMesh, held_out
         ),
         at_most("solid and sight lines", through, APART, f"sight lines pass through {through:.1%} of the solid (limit {APART:.0%})"),
         *(check for check in first.checks if check.name not in ASKED_AGAIN),
-        hidden_volume(mesh, measured, h),
-        _unmeasured(mesh, measured, 3.0 * (h + sigma)),
+        hidden_volume(mesh, near, h),
+        _unmeasured(mesh, measured, near.face, 3.0 * (h + sigma)),
         deviation(off, DEVIATION_SEEN * (sigma + QUIET * h)),
         stray(measured, np.abs(held_out), far),
     )  # fmt: skip
 
 
-def _unmeasured(mesh: TriangleMesh, points: FloatArray, reach_m: float) -> Check:
-    bare = unmeasured_share(mesh, points, reach_m)
+def _unmeasured(mesh: TriangleMesh, points: FloatArray, face: IntArray, reach_m: float) -> Check:
+    bare = unmeasured_share(mesh, points, reach_m, face)
     says = f"{bare:.0%} of the surface has no measured point of its side within {mm(reach_m)} (limit {UNMEASURED_SEEN:.0%}): scan there too"
     return at_most("unmeasured area", bare, UNMEASURED_SEEN, says)
 

@@ -137,7 +137,7 @@ def mean_curvature(mesh: TriangleMesh, without: BoolArray | None = None) -> floa
 def coverage(evidence: Evidence, limit: float, sigma_m: float) -> tuple[Check, ...]:
     """Area that neither measured nor inferred points back, and area that inferred ones alone do."""
     reach = REACH_SPACINGS * evidence.spacing_m + REACH_SIGMAS * sigma_m
-    bare = unmeasured_share(evidence.mesh, evidence.points, reach)
+    bare = unmeasured_share(evidence.mesh, evidence.points, reach, evidence.nearest.face)
     check = at_most(
         "unmeasured area",
         bare,
@@ -147,7 +147,7 @@ def coverage(evidence: Evidence, limit: float, sigma_m: float) -> tuple[Check, .
     )
     if evidence.is_inferred is None or not evidence.is_inferred.any():
         return (check,)
-    inferred = max(0.0, unmeasured_share(evidence.mesh, evidence.measured, reach) - bare)
+    inferred = max(0.0, unmeasured_share(evidence.mesh, evidence.measured, reach, evidence.nearest_measured.face) - bare)
     says = f"{inferred:.0%} of the surface rests on inferred points alone (limit {INFERRED:.0%}): lift the part and scan the hidden side"
     return check, at_most("inferred area", inferred, INFERRED, says)
 

@@ -1,13 +1,15 @@
-"""The points near a plane that hang together with a seed: walked from it over neighbours, so that a small patch of a large cloud costs little."""
+"""The points near a plane or cylinder that hang together with a seed: walked from it over neighbours, so that a small patch costs little."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from scan2fea.kernel.jit import jit
 from scan2fea.kernel.primitives import Plane
+from scan2fea.kernel.surfaces import SMALL, Surface
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 
@@ -40,6 +42,12 @@ class Among(Value):
         return hanging_together(
             self.points, self.normals, self.first, self.index, seed, free, plane.normal, plane.offset, off, float(own_side), float(reach)
         )
+
+    def near_round(self, seed: int, free: BoolArray, cylinder: Surface, off: float, own_side: float) -> IntArray:
+        """(k,) rows, ascending, of free points within `off` of a cylinder, of its side, that hang together with the seed."""
+        place, axis, size = cylinder.point, cylinder.axis, float(cylinder.radius)
+        columns = self.points, self.normals, self.first, self.index, seed, free
+        return hanging_on_round(*columns, place, axis, size, cylinder.sense, off, float(own_side))
 
 
 @jit
@@ -94,6 +102,49 @@ def hanging_together(
             facing += normals[p, c] * normal[c]
             away2 += (points[p, c] - points[seed, c]) ** 2
         if not free[p] or abs(height - offset) > off or facing < own_side or away2 > reach * reach:
+            continue
+        queue[kept] = p
+        kept += 1
+        for o in range(first[p], first[p + 1]):
+            if not met[index[o]]:
+                met[index[o]] = True
+                queue[count] = index[o]
+                count += 1
+    return np.sort(queue[:kept])
+
+
+@jit
+def hanging_on_round(
+    points: FloatArray,
+    normals: FloatArray,
+    first: IntArray,
+    index: IntArray,
+    seed: int,
+    free: BoolArray,
+    place: FloatArray,
+    axis: FloatArray,
+    radius: float,
+    sense: int,
+    off: float,
+    own_side: float,
+) -> IntArray:
+    """(k,) rows, ascending, that links join to the seed over points that are free, within `off` of the cylinder, of its side (+1 a shaft)."""
+    n = len(points)
+    met = np.zeros(n, np.bool_)
+    queue = np.empty(n, np.int64)
+    queue[0], met[seed] = seed, True
+    count, done, kept = 1, 0, 0
+    while done < count:
+        p = queue[done]
+        done += 1
+        if not free[p]:
+            continue
+        x, y, z = points[p, 0] - place[0], points[p, 1] - place[1], points[p, 2] - place[2]
+        along = x * axis[0] + y * axis[1] + z * axis[2]
+        x, y, z = x - along * axis[0], y - along * axis[1], z - along * axis[2]
+        rho = math.sqrt(x * x + y * y + z * z)
+        facing = sense * (x * normals[p, 0] + y * normals[p, 1] + z * normals[p, 2]) / max(rho, SMALL)
+        if abs(rho - radius) > off or facing < own_side:
             continue
         queue[kept] = p
         kept += 1

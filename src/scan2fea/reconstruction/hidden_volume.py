@@ -7,7 +7,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from scan2fea.kernel.distances import PointToMesh
+from scan2fea.kernel.distances import Nearest
 from scan2fea.kernel.measures import face_areas, face_normals, volume
 from scan2fea.kernel.topology import edge_table
 from scan2fea.reconstruction.budget import HIDDEN_VOLUME
@@ -19,12 +19,11 @@ REACH = 3.0  # spacings: a place farther from any point of its own side is not m
 REACH_UNSEEN = 1.75  # the same where no sight line tells a hole from a gap: random points leave exp(-0.85 pi 1.75^2) = 0.03 % of a surface so bare
 
 
-def hidden_volume(mesh: TriangleMesh, points: FloatArray, spacing_m: float, reach: float = REACH) -> Check:
+def hidden_volume(mesh: TriangleMesh, near: Nearest, spacing_m: float, reach: float = REACH) -> Check:
     """Does what no point has seen stay under LIMIT of the volume?
 
-    points : (n, 3) measured, or inferred from a support that was seen.   reach : in spacings, REACH or REACH_UNSEEN.
+    near : the places under points, measured, or inferred from a support that was seen.   reach : in spacings, REACH or REACH_UNSEEN.
     """
-    near = PointToMesh(mesh).nearest(points)
     return hidden_check(*unseen_volume(mesh, near.closest, face_normals(mesh)[near.face], reach * spacing_m))
 
 

@@ -30,8 +30,8 @@ from scan2fea.reconstruction.plane_growing import Planes
 from scan2fea.reconstruction.regular import EXACT
 from scan2fea.reconstruction.round_cuts import Shapes, cut_round, shapes
 from scan2fea.reconstruction.round_gaps import over_rounds
-from scan2fea.reconstruction.round_growing import NO_ROUNDS, Rounds
-from scan2fea.reconstruction.shapes_found import moved_planes, planes_beside, rounds_of
+from scan2fea.reconstruction.round_growing import Rounds
+from scan2fea.reconstruction.shapes_found import Faces, flat_faces, moved_planes, round_faces
 from scan2fea.reconstruction.sight import Sight
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
 from scan2fea.types import BoolArray, FloatArray, IntArray, Scan, TriangleMesh, Value
@@ -69,20 +69,21 @@ def planar(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> Reco
     try:
         return flattened(scan, first, options.seed)
     except ReconstructionError:
-        rounds = rounds_of(scan.cloud.points, first)
-        if not len(rounds):
+        faces = round_faces(scan.cloud.points, first)
+        if faces is None:
             raise
-        return flattened(scan, first, options.seed, rounds=rounds)
+        return flattened(scan, first, options.seed, faces=faces)
 
 
-def flattened(scan: Scan, first: Reconstruction, seed: int = 0, by_lines: bool = False, rounds: Rounds | None = None) -> Reconstruction:
+def flattened(scan: Scan, first: Reconstruction, seed: int = 0, by_lines: bool = False, faces: Faces | None = None) -> Reconstruction:
     """The solid of flat faces that lies nearest to a first closed surface, or (by_lines) to what its points and their sight lines tell.
 
-    rounds : cylinders among the faces. Raises ReconstructionError where there is none.
+    faces : cylinders among them; None: planes alone are looked for. Raises ReconstructionError where there is none.
     """
     cloud = scan.cloud
+    faces = flat_faces(cloud.points, first) if faces is None else faces
     sight = Sight.of(scan, first, seed) if by_lines else None
-    form = flat_form(cloud.points, first, seed, sight, rounds)
+    form = flat_form(cloud.points, first, faces, seed, sight)
     every = form.shapes
     of = np.unique(every.primitive[np.unique(form.mesh.face_region // 2)]) if form.mesh.face_region is not None else np.zeros(0)
     facts: Mapping[str, float | str] = {
@@ -112,13 +113,17 @@ def served(scan: Scan, first: Reconstruction, seed: int = 0) -> tuple[Reconstruc
     by_lines = bool(failed(first.checks)) and first.source == "sensors"
     why = ""
     refused: list[Reconstruction] = []
-    for is_round in (False, True):
-        rounds = rounds_of(scan.cloud.points, first) if is_round else None
-        if rounds is not None and not len(rounds):
+    for find in (flat_faces, round_faces):
+        try:
+            faces = find(scan.cloud.points, first)
+        except ReconstructionError as error:
+            why = str(error)
             continue
         for lines in (False, True) if by_lines else (False,):
+            if faces is None:
+                continue
             try:
-                flat = flattened(scan, first, seed, lines, rounds)
+                flat = flattened(scan, first, seed, lines, faces)
             except ReconstructionError as error:
                 why = str(error)
                 continue
@@ -130,16 +135,12 @@ def served(scan: Scan, first: Reconstruction, seed: int = 0) -> tuple[Reconstruc
     return replace(first, how={**first.how, "not_planar": why}), tuple(refused)
 
 
-def flat_form(
-    points: FloatArray, first: Reconstruction, seed: int = 0, sight: Sight | None = None, rounds: Rounds | None = None
-) -> FlatForm:
-    """Planes and cylinders, cells, labels, surface. points : (n, 3) raw, in the rows of `first`. Raises ReconstructionError where they do not close.
+def flat_form(points: FloatArray, first: Reconstruction, faces: Faces, seed: int = 0, sight: Sight | None = None) -> FlatForm:
+    """Cells between the faces, labels, surface. points : (n, 3) raw, in the rows of `first`. Raises ReconstructionError where they do not close.
 
     sight : labels the cells in place of the first surface.
     """
-    sigma = first.sigma_m
-    rounds = NO_ROUNDS if rounds is None else rounds
-    planes = planes_beside(points, first, rounds)
+    sigma, planes, rounds = first.sigma_m, faces.planes, faces.rounds
     form = _closed(points, planes, rounds, first, seed, sight)
     is_blurred = sigma > EXACT and first.source != "ranges"  # a range camera's noise lies along its rays: faces are not blurred alike all round
     for _ in range(PLACED if is_blurred else 0):

@@ -11,8 +11,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import sampled_rows
@@ -82,7 +80,7 @@ def grow_rounds(points: FloatArray, normals: FloatArray, spacing_m: float, sigma
             break
         plane = grown_plane(among, seed, free, spacing_m, tolerance_m(spacing_m, sigma_m)) if flatness[seed] >= SEED else None
         flat = np.zeros(len(points), bool) if plane is None else own_points(points, normals, plane, tolerance_m(spacing_m, sigma_m)) & free
-        best = _best(among, near, seed, free, ways, spacing_m, sigma_m, int(flat.sum()))
+        best = _best(among, seed, free, ways, spacing_m, sigma_m, int(flat.sum()))
         if best is not None:
             found.append(best)
             free &= ~on_round(points, normals, best, off)
@@ -105,13 +103,13 @@ def on_round(points: FloatArray, normals: FloatArray, surface: Surface, off: flo
 
 
 def _best(
-    among: Among, near: IntArray, seed: int, free: BoolArray, ways: FloatArray, spacing_m: float, sigma_m: float, flat: int
+    among: Among, seed: int, free: BoolArray, ways: FloatArray, spacing_m: float, sigma_m: float, flat: int
 ) -> Surface | None:
     """The cylinder through a seed that takes in most free points; None where none takes in clearly more than the `flat` ones of its plane."""
     least = max(LEAST_POINTS, MORE * flat)
     best: tuple[int, Surface] | None = None
     for guess in _guesses(among, seed, free, ways, spacing_m, sigma_m):
-        grown = _grown(among, near, seed, free, guess, spacing_m, sigma_m)
+        grown = _grown(among, seed, free, guess, spacing_m, sigma_m)
         if grown is None or len(grown[1]) < least or (best is not None and len(grown[1]) <= best[0]):
             continue
         own = among.points[grown[1]]
@@ -142,14 +140,14 @@ def _guesses(among: Among, seed: int, free: BoolArray, ways: FloatArray, spacing
 def _square(ways: FloatArray, normals: FloatArray) -> list[FloatArray]:
     """Directions of planes, each once, to which the normals (n, 3) are square."""
     out: list[FloatArray] = []
-    for way in ways:
-        if np.median(np.abs(normals @ way)) <= SQUARE and all(abs(float(way @ other)) < 0.99 for other in out):
+    for way in ways[np.median(np.abs(normals @ ways.T), axis=0) <= SQUARE]:
+        if all(abs(float(way @ other)) < 0.99 for other in out):
             out.append(way)
     return out
 
 
 def _grown(
-    among: Among, near: IntArray, seed: int, free: BoolArray, surface: Surface, spacing_m: float, sigma_m: float
+    among: Among, seed: int, free: BoolArray, surface: Surface, spacing_m: float, sigma_m: float
 ) -> tuple[Surface, IntArray] | None:
     """The cylinder through a guess, fitted to the points on it that hang together with the seed, and their rows; None where it settles on none."""
     off = off_round_m(spacing_m, sigma_m)
@@ -158,8 +156,7 @@ def _grown(
     for step in range(ROUNDS):
         if not 0.5 * spacing_m < surface.radius < size:
             return None
-        on = free & on_round(among.points, among.normals, surface, off if step else 2.0 * off + 0.25 * spacing_m)
-        rows = _hanging(near, on, seed)
+        rows = among.near_round(seed, free, surface, off if step else 2.0 * off + 0.25 * spacing_m, OWN_SIDE)
         if len(rows) < GUESSED:
             return None
         if np.array_equal(rows, before):
@@ -179,20 +176,6 @@ def is_round(surface: Surface, points: FloatArray, spacing_m: float, sigma_m: fl
     across = (points - surface.point) @ surface.frame().T
     sector = np.floor(np.arctan2(across[:, 1], across[:, 0]) / (2 * np.pi) * SECTORS).astype(np.int64)
     return len(np.unique(sector)) * 2 * np.pi / SECTORS >= LEAST_TURN
-
-
-def _hanging(near: IntArray, on: BoolArray, seed: int) -> IntArray:
-    """Rows, ascending, of the points `on` that links join to the seed."""
-    rows = np.flatnonzero(on)
-    if not on[seed]:
-        return rows[:0]
-    slot = np.full(len(on), -1, np.int64)
-    slot[rows] = np.arange(len(rows))
-    to = slot[near[rows]]
-    i, k = np.nonzero(to >= 0)
-    links = coo_array((np.ones(len(i), np.int8), (i, to[i, k])), shape=(len(rows), len(rows)))
-    _, part = connected_components(links, directed=False)
-    return np.asarray(rows[part == part[slot[seed]]])
 
 
 def settled_rounds(points: FloatArray, normals: FloatArray, found: list[Surface], ways: FloatArray, spacing_m: float, sigma_m: float) -> Rounds:

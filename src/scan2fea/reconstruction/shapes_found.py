@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,15 +14,40 @@ from scan2fea.reconstruction.plane_growing import MOST_PLANES, Planes, assigned,
 from scan2fea.reconstruction.round_growing import NO_ROUNDS, Rounds, grow_rounds, nearest_round, off_round_m, radius_std
 from scan2fea.reconstruction.strips import with_strips
 from scan2fea.reconstruction.visibility import Reconstruction
-from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
+from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 
 EXPLAINED = 0.8  # of a cylinder's points lie on planes or larger cylinders: normals blended along an edge turn as round ones do
 FACES_OFF = 0.5  # spacings that faces of a first surface lie off the cylinder they are of, besides the noise: chords between points
 FACES_LEAN = 0.3  # cosine
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Faces(Value):
+    """planes : narrow ones too.   rounds : cylinders, none with planes alone. Rows of both labels are those of the points."""
+
+    planes: Planes
+    rounds: Rounds = NO_ROUNDS
+
+
+def flat_faces(points: FloatArray, first: Reconstruction) -> Faces:
+    """The planes alone. points : (n, 3) raw, in the rows of `first`. Raises ReconstructionError where they are too few for a solid, or too many."""
+    return Faces(planes=planes_beside(points, first, NO_ROUNDS))
+
+
+def round_faces(points: FloatArray, first: Reconstruction) -> Faces | None:
+    """The cylinders among the faces, and the planes beside them; None where no cylinder is needed. Raises ReconstructionError as `flat_faces`."""
+    rounds = _largest_first(rounds_of(points, first))
+    if not len(rounds):
+        return None
+    planes = planes_beside(points, first, rounds)
+    needed = _needed(points, rounds, planes, first.spacing_m, first.sigma_m)
+    if len(needed) < len(rounds):
+        planes = planes_beside(points, first, needed)
+    return Faces(planes=planes, rounds=needed) if len(needed) else None
+
+
 def rounds_of(points: FloatArray, first: Reconstruction) -> Rounds:
-    """The cylinders among the faces; none where none is found. points : (n, 3) raw, in the rows of `first`."""
+    """Cylinders through the points, those too that planes explain as well; none where none is found. points : (n, 3) raw, in the rows of `first`."""
     h, sigma = first.spacing_m, first.sigma_m
     grown = grow_rounds(points, first.normals, h, sigma)
     rest = grown.label < 0
@@ -41,28 +66,32 @@ def rounds_of(points: FloatArray, first: Reconstruction) -> Rounds:
     number = np.full(len(found) + 1, -1, np.int64)
     number[kept] = np.arange(len(kept))
     std = np.array([radius_std(found[k], points[label == k], sigma) for k in kept])
-    return _needed(points, first, Rounds(surfaces=tuple(found[k] for k in kept), label=number[label], std_m=std))
+    return Rounds(surfaces=tuple(found[k] for k in kept), label=number[label], std_m=std)
 
 
-def _needed(points: FloatArray, first: Reconstruction, rounds: Rounds) -> Rounds:
-    """The cylinders without those whose points lie on planes, or on larger cylinders, anyway."""
-    h, sigma = first.spacing_m, first.sigma_m
-    try:
-        planes = planes_beside(points, first, rounds)
-    except ReconstructionError:
-        return rounds
+def _largest_first(rounds: Rounds) -> Rounds:
+    size = np.bincount(rounds.label[rounds.label >= 0], minlength=len(rounds))
+    return _of(rounds, np.argsort(-size, kind="stable").tolist())
+
+
+def _of(rounds: Rounds, rows: list[int]) -> Rounds:
+    """Some of the cylinders, in the order of `rows`."""
+    number = np.full(len(rounds) + 1, -1, np.int64)
+    number[rows] = np.arange(len(rows))
+    return Rounds(surfaces=tuple(rounds.surfaces[k] for k in rows), label=number[rounds.label], std_m=rounds.std_m[rows])
+
+
+def _needed(points: FloatArray, rounds: Rounds, planes: Planes, spacing_m: float, sigma_m: float) -> Rounds:
+    """The cylinders, largest first, without those whose points lie on planes, or on larger cylinders, anyway."""
     on = np.zeros(len(points), bool)
     for k in range(len(planes)):
-        on |= np.abs(planes.plane(k).distance(points)) <= tolerance_m(h, sigma)
-    size = np.bincount(rounds.label[rounds.label >= 0], minlength=len(rounds))
+        on |= np.abs(planes.plane(k).distance(points)) <= tolerance_m(spacing_m, sigma_m)
     kept: list[int] = []
-    for k in np.argsort(-size, kind="stable").tolist():
+    for k, surface in enumerate(rounds.surfaces):
         if np.mean(on[rounds.label == k]) <= EXPLAINED:
             kept.append(k)
-            on |= np.abs(rounds.surfaces[k].distance(points)) <= off_round_m(h, sigma)
-    number = np.full(len(rounds) + 1, -1, np.int64)
-    number[kept] = np.arange(len(kept))
-    return Rounds(surfaces=tuple(rounds.surfaces[k] for k in kept), label=number[rounds.label], std_m=rounds.std_m[kept])
+            on |= np.abs(surface.distance(points)) <= off_round_m(spacing_m, sigma_m)
+    return _of(rounds, kept)
 
 
 def _given(points: FloatArray, normals: FloatArray, found: list[Surface], planes: Planes, spacing_m: float, sigma_m: float) -> IntArray:

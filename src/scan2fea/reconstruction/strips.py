@@ -69,9 +69,9 @@ def with_strips(
     for seed in np.lexsort((-left.length * left.area, ~snaps)):  # directions that the planes give come first
         if not free[seed] or len(found) >= MOST:
             continue
-        own = _own(left, int(seed), free, depth)
+        own, area = _own(left.middle, left.area, left.direction, left.length, int(seed), free, depth)
         free[seed] = False
-        if left.area[own].sum() < LEAST_AREA * spacing_m**2:
+        if area < LEAST_AREA * spacing_m**2:
             continue
         rows = left.point[own[left.point_face]]
         plane = _placed(points, rows, left, own, ways, spacing_m, sigma_m) if len(rows) >= LEAST_POINTS else None
@@ -195,24 +195,44 @@ def _left(points: FloatArray, planes: Planes, mesh: TriangleMesh, wall_m: float,
     return _Left(middle=middle[rest], area=areas[rest], direction=direction, length=length, point_face=slot[on[rows]], point=rows)
 
 
-def _own(left: _Left, seed: int, free: BoolArray, depth: float) -> BoolArray:
-    """The free faces that lean as the seed does and lie as far out."""
-    way = left.direction[seed] / left.length[seed]
-    alike = np.flatnonzero(free & (left.direction @ way >= LEANS * left.length))
-    middle, area = left.middle[alike], left.area[alike]
-    leaning = area[:, None] * left.direction[alike]
-    own = np.abs((middle - left.middle[seed]) @ way) <= depth
+@jit
+def _own(
+    middle: FloatArray, area: FloatArray, direction: FloatArray, length: FloatArray, seed: int, free: BoolArray, depth: float
+) -> tuple[BoolArray, float]:
+    """The free faces that lean as the seed does and lie as far out, and their area. Columns as in `_Left`."""
+    n = len(area)
+    own, alike, count = np.zeros(n, np.bool_), np.empty(n, np.int64), 0
+    way = direction[seed] / length[seed]
+    start = middle[seed, 0] * way[0] + middle[seed, 1] * way[1] + middle[seed, 2] * way[2]
+    for i in range(n):
+        if free[i] and direction[i, 0] * way[0] + direction[i, 1] * way[1] + direction[i, 2] * way[2] >= LEANS * length[i]:
+            alike[count] = i
+            count += 1
+            own[i] = abs(middle[i, 0] * way[0] + middle[i, 1] * way[1] + middle[i, 2] * way[2] - start) <= depth
     for _ in range(3):
-        total = own @ leaning
-        way = total / max(float(np.linalg.norm(total)), 1e-300)
-        weight = own * area
-        if not weight.sum() > 0:  # none lies within the depth of the others' middle, or only faces without area do
+        way = np.zeros(3)
+        weight = 0.0
+        for k in range(count):
+            i = alike[k]
+            if own[i]:
+                weight += area[i]
+                for c in range(3):
+                    way[c] += area[i] * direction[i, c]
+        if not weight > 0.0:  # none lies within the depth of the others' middle, or only faces without area do
             break
-        height = middle @ way
-        own = np.abs(height - float(np.average(height, weights=weight))) <= depth
-    out = np.zeros(len(free), bool)
-    out[alike[own]] = True
-    return out
+        way /= max(math.sqrt((way**2).sum()), 1e-300)
+        mean = 0.0
+        for k in range(count):
+            i = alike[k]
+            if own[i]:
+                mean += area[i] / weight * (middle[i, 0] * way[0] + middle[i, 1] * way[1] + middle[i, 2] * way[2])
+        for k in range(count):
+            i = alike[k]
+            own[i] = abs(middle[i, 0] * way[0] + middle[i, 1] * way[1] + middle[i, 2] * way[2] - mean) <= depth
+    total = 0.0
+    for k in range(count):
+        total += area[alike[k]] if own[alike[k]] else 0.0
+    return own, total
 
 
 def _ways(normals: FloatArray) -> FloatArray:

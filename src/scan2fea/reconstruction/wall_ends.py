@@ -192,7 +192,7 @@ def _far_side(normals: FloatArray) -> FloatArray:
 
 def _has_points(evidence: Evidence, faces: IntArray, far: FloatArray, skin: float) -> BoolArray:
     """(k,) faces on which a measured point lies between the two faces of the wall."""
-    near = PointToMesh(evidence.mesh).nearest(evidence.backed)
+    near = evidence.nearest_backed
     place = np.full(len(evidence.mesh.faces), -1)
     place[faces] = np.arange(len(faces))
     at = place[near.face]

@@ -32,12 +32,12 @@ WRONG = {
 SIZE = {**SIZES, "L": {"a": 0.127, "b": 0.1, "t": 0.022}, "rect": {"b": 0.1, "t": 0.04}}
 
 
-def scanned(family, sigma, n=20_000, seed=4, clutter=0.02):
+def scanned(family, sigma, n=20_000, seed=4, clutter=0.02, caps=False):
     """A member whose hidden face the fit has 2 mm too far out, and the points (n, 3) it was fitted to, in the file's frame."""
     true = made(family, values=SIZE[family], R=ASKEW, sigma=sigma)
     out = [HIDDEN[family]] + (["TOP_INNER"] if family == "RHS" else [])
     seen = tuple(name for name in faces(family) if name not in out)
-    points = member_points(family, true.values(), n, MemberScanOptions(noise_m=sigma, faces=seen, caps=True, clutter=clutter, seed=seed))
+    points = member_points(family, true.values(), n, MemberScanOptions(noise_m=sigma, faces=seen, caps=caps, clutter=clutter, seed=seed))
     more, shift = WRONG[family]
     wrong = replace(
         true,
@@ -179,7 +179,7 @@ def test_it_moves_with_the_member_and_leaves_its_input_alone() -> None:
 
 @pytest.mark.parametrize("family", ["C", "rect"])
 def test_the_whole_fit_tells_the_face_and_builds_the_member(family) -> None:
-    _, points, true = scanned(family, 2e-4, n=9000, clutter=0.05)
+    _, points, true = scanned(family, 2e-4, n=9000, clutter=0.05, caps=True)
     found = fit_member(Scan(cloud=PointCloud.of(points)), MemberOptions())
     member = found.member
     assert member.family == family and open_walls(member) == 0

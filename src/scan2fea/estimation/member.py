@@ -230,7 +230,7 @@ def _swept(
     one = _between_ends(points, sweep, fit, options, fixed, covers)
     if one.wall_m is not None:  # the rim tells how many points the end faces hold
         one = _between_ends(points, sweep, fit, options, fixed, covers, one.wall_m)
-    hidden = reach(points, one.member, whole=options.whole) if one.told.explains and (options.whole or not fixed) else None
+    hidden = reach(points, one.member, one.pitch_m, whole=options.whole) if one.told.explains and (options.whole or not fixed) else None
     if hidden is not None:
         sweep, fit = with_reach(one.member, fit, hidden)
         one = _between_ends(points, sweep, fit, options, fixed, covers, one.wall_m, hidden.faces)
@@ -258,12 +258,16 @@ def _swept(
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Closed(Value):
-    """A member between its ends. untold : why dimensions are not observable.   wall_m : of a tube, where its rim alone tells it."""
+    """A member between its ends. untold : why dimensions are not observable.   pitch_m : of points that keep a distance.
+
+    wall_m : of a tube, where its rim alone tells it.
+    """
 
     member: Member
     told: Explanation
     ends: Ends
     untold: Mapping[str, str]
+    pitch_m: float
     wall_m: float | None
 
 
@@ -301,9 +305,9 @@ def _between_ends(
         member, untold = without_length(member), {**untold, "length": askew}
     rimmed = member if untold.get("t") == BLENDED else with_rim(points, member, pitch)
     if rimmed is member:
-        return _Closed(member=member, told=told, ends=ends, untold=untold, wall_m=None)
+        return _Closed(member=member, told=told, ends=ends, untold=untold, pitch_m=pitch, wall_m=None)
     untold = {name: why for name, why in untold.items() if name != "t" or is_unsure(rimmed)}
-    return _Closed(member=rimmed, told=told, ends=ends, untold=untold, wall_m=rimmed.values()["t"])
+    return _Closed(member=rimmed, told=told, ends=ends, untold=untold, pitch_m=pitch, wall_m=rimmed.values()["t"])
 
 
 def _checked(scan: Scan) -> FloatArray:

@@ -3,7 +3,8 @@
 That one face ends somewhere is no evidence: the scan may end there. That both neighbours of a hidden face end in one line along the member, and just
 as far as each other, is: a cut or a shadow at any other angle to the section would end them at different places. So the angle at which a cut would
 look the same must be small (`_CHANCE` of all angles), which neighbours far apart or sharp ends give, and a plane across one of the file's own axes
-tells nothing, for a box may have been cut out there. What stays open: something flat and square to the section that hides the end of a
+tells nothing, for a box may have been cut out there. An end face that was scanned tells a hidden face too (`cap_runs.py`).
+What stays open: something flat and square to the section that hides the end of a
 wall on both sides, such as a slab that a web stands in.
 
 Where the user says that nothing hid the object and nothing was cut off it (`whole`), any seen face ends where the section does. Rows of points that
@@ -23,6 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc, gammaincc
 
+from scan2fea.estimation.cap_runs import told_by_caps
 from scan2fea.estimation.ends import RunEnd, run_end
 from scan2fea.estimation.straight import Face, straight_faces
 from scan2fea.estimation.swept import sweep_of_member
@@ -65,10 +67,11 @@ class Reach(Value):
     told: frozenset[str]
 
 
-def reach(points: FloatArray, member: Member, *, whole: bool = False) -> Reach | None:
-    """The section with the hidden faces that their neighbours tell; None where none is missing or none is told. points : (n, 3), metres.
+def reach(points: FloatArray, member: Member, spacing_m: float = 0.0, *, whole: bool = False) -> Reach | None:
+    """The section with the hidden faces that their neighbours or the ends tell; None where none is missing or none is told. points : (n, 3), metres.
 
-    whole : nothing hid the object and nothing was cut off it: one neighbour is enough.
+    spacing_m : of points that keep a distance from each other, else 0.   whole : nothing hid the object and nothing was cut off it: one neighbour
+    is enough.
     """
     if member.family in ROUND or member.twist.any():
         return None
@@ -82,6 +85,8 @@ def reach(points: FloatArray, member: Member, *, whole: bool = False) -> Reach |
         end = _ended(local, member, beside, face) if whole else _told(local, member, before, face, after)
         if end is not None:
             ends[face.name] = end.edge_m, end.std_m
+    if len(pinned(member.family, seen | set(ends))) < len(PARAMETERS[member.family]):
+        ends = {**told_by_caps(points, member, seen, spacing_m), **ends}
     found = solved(member, seen, ends, len(local)) if ends else None
     return found if found is not None and _is_built_so(member.family, found) else None
 

@@ -8,8 +8,8 @@ import pytest
 
 from drawn import drawing, triangles
 from predicates import box, rotation, torus
-from scan2fea.cad import true_solid
-from scan2fea.cad.corners import met
+from scan2fea.cad import corners, true_solid
+from scan2fea.cad.corners import Meeting, met
 from scan2fea.cad.live import is_valid, parts
 from scan2fea.cad.network import LEAST_FACES, network_of
 from scan2fea.cad.patches import Patches, segmented
@@ -193,3 +193,49 @@ def test_faces_of_a_wall_are_regions_each_and_all_their_corners_are_corners():
     assert (found.surface[found.label] < 0).tolist() == wall.tolist()
     ends = {int(v) for c in found.chains for v in c.vertices[[0, -1]]}
     assert set(mesh.faces[wall].ravel().tolist()) <= ends
+
+
+def crossed(mesh, wall):
+    """The mesh with two neighbours on the border of a patch of the top exchanged, so that the border crosses itself there."""
+    other = set(mesh.faces[~wall].ravel().tolist())
+    rim = np.array(sorted(set(mesh.faces[wall].ravel().tolist()) & other))
+    out = mesh.vertices - mesh.vertices[rim].mean(0)
+    rim = rim[np.argsort(np.arctan2(out[rim, 1], out[rim, 0]))]
+    a, i, j, b = rim[:4]
+    along = mesh.vertices[b] - mesh.vertices[a]
+    across = 0.1 * np.cross([0, 0, 1.0], along)
+    vertices = mesh.vertices.copy()
+    vertices[i] = vertices[a] + 2 / 3 * along + 0.75 * across
+    vertices[j] = vertices[a] + 1 / 3 * along + 0.5 * across
+    return TriangleMesh(vertices=vertices, faces=mesh.faces)
+
+
+@pytest.mark.parametrize(("rounds", "holds"), [(0, False), (corners.EVENED, True)])
+def test_a_wall_whose_border_crosses_itself_on_a_face_is_made_even(rounds, holds, monkeypatch):
+    """Noise wider than the steps of a border: the public part's two faces were not valid for it. The wall is a patch whose surface is not there."""
+    mesh, label, sides = labelled((30.0, 20.0, 10.0), 1.0)
+    middle = mesh.vertices[mesh.faces].mean(1)
+    wall = np.zeros(len(label), bool)
+    wall[np.argsort(np.linalg.norm(middle - [15.0, 10.0, 10.0], axis=1))[:40]] = True
+    nowhere = Surface(kind=SPHERE, point=np.array([15.0, 10.0, 25.0]), axis=np.array([0.0, 0.0, 1.0]), radius=10.0)
+    monkeypatch.setattr(corners, "EVENED", rounds)
+    found = traced_solid(crossed(mesh, wall), np.where(wall, 6, label), [*sides, nowhere], small([3] * 6 + [4]), 0.1, 1.0, walls=True)
+    assert (found.solid is not None and is_valid(found.solid)) == holds
+    if holds:
+        assert found.n_facets == 40
+        assert volume_of(found.solid) == pytest.approx(6000.0, rel=1e-6)
+
+
+def test_only_corners_between_a_wall_and_one_face_are_made_even():
+    mesh, label, sides = labelled((30.0, 20.0, 10.0), 2.0)
+    middle = mesh.vertices[mesh.faces].mean(1)
+    wall = np.linalg.norm(middle - [0.0, 10.0, 10.0], axis=1) < 6.0  # over the edge of two sides
+    rough = TriangleMesh(vertices=mesh.vertices + 0.1 * np.random.default_rng(0).standard_normal(mesh.vertices.shape), faces=mesh.faces)
+    network = network_of(rough, label, sides, wall)
+    plain, even = (Meeting(rough, network, sides, [], 0.1, 2.0, evened=e).corners for e in (False, True))
+    moved = {v for v in plain if not np.allclose(plain[v].at, even[v].at, atol=1e-9)}
+    region = np.where(wall, -1, label)
+    regions = {v: set(region[(mesh.faces == v).any(1)].tolist()) for v in plain}
+    assert moved
+    assert all(len(regions[v]) == 2 and -1 in regions[v] for v in moved)
+    assert all(even[v].off < 1e-9 for v in moved)

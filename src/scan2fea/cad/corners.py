@@ -19,6 +19,7 @@ LEAST_SLOPE = 0.08  # of the steepest: flatter directions (two surfaces that tou
 LONGEST_STEP = 2.0  # mm
 SHORT = 3.0  # spacings: corners that a chain no longer than this joins may be one
 MOVES = 1.5  # spacings, and no farther from the middle of that chain
+EVENED = 4  # rounds
 LEAST_POINTS, MOST_POINTS = 6, 200  # along an edge
 
 _Tie = tuple[Surface, Surface, FloatArray]  # two surfaces that touch, and the way across the line of touch
@@ -74,10 +75,14 @@ def met(start: FloatArray, surfaces: Sequence[Surface], ties: Iterable[_Tie], pl
 class Meeting:
     """The corners and edges of a network on its surfaces, millimetres.
 
+    evened : borders between walls' facets and one face are smoothed first.
     corner_of : of each vertex of the mesh that is one, its number.   corners : by number.   gone : chains so short that they are corners.
     """
 
-    def __init__(self, mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], touching: Iterable[int], tolerance: float, spacing: float):
+    def __init__(
+        self, mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], touching: Iterable[int], tolerance: float, spacing: float,
+        *, evened: bool = False,
+    ):  # fmt: skip
         self.mesh, self.network, self.surfaces = mesh, network, surfaces
         self.touching = frozenset(touching)
         self.spacing = spacing
@@ -92,10 +97,26 @@ class Meeting:
             for vertex in (first, last):
                 self._chains[vertex].append(number)
                 self._regions[vertex] |= {network.chains[number].left, network.chains[number].right}
-        self.corners: dict[int, Corner] = {
-            v: self._solved(self._regions[v], self._chains[v], mesh.vertices[v]) for v in self.corner_of
-        }  # fmt: skip
+        starts = self._evened() if evened else mesh.vertices
+        self.corners: dict[int, Corner] = {v: self._solved(self._regions[v], self._chains[v], starts[v]) for v in self.corner_of}
         self._joined(tolerance)
+
+    def _evened(self) -> dict[int, FloatArray]:
+        """Where each corner is looked for: at its vertex; of the border between a wall's facets and one face, whose steps are shorter than its noise
+        is wide, at the mean of its neighbours there, so that it does not cross itself on the face.
+        """
+        beside: dict[int, set[int]] = {}
+        for found in self.network.chains:
+            sides = self.network.surface[[found.left, found.right]]
+            if sides.min() < 0 <= sides.max():
+                a, b = int(found.vertices[0]), int(found.vertices[-1])
+                beside.setdefault(a, set()).add(b)
+                beside.setdefault(b, set()).add(a)
+        at = {v: np.array(self.mesh.vertices[v]) for v in self.corner_of}
+        free = [v for v, near in beside.items() if len(near) == 2 and sum(self.network.surface[k] >= 0 for k in self._regions[v]) == 1]
+        for _ in range(EVENED):
+            at |= {v: (2 * at[v] + sum(at[w] for w in beside[v])) / 4 for v in free}
+        return at
 
     def _tie(self, number: int, at: FloatArray, along: FloatArray) -> _Tie | None:
         found = self.network.chains[number]

@@ -25,7 +25,7 @@ from scan2fea.types import FloatArray, IntArray, TriangleMesh, Value
 
 EXACT = 5e-6  # mm: a line or an arc through the points of an edge
 RESOLUTION = 1e-6  # mm
-WALLS = 3  # rounds in which walls grow
+WALLS = 5  # rounds in which walls grow
 MOST_FACETS = 5_000
 SMALL = 0.01  # of the area: a larger patch is no piece of a wall
 LOOSE = 0.1  # of the length of all borders: more is free form in pieces
@@ -54,9 +54,10 @@ def traced_solid(
     """The solid of labelled faces, in millimetres. label : (m,) number of the surface of each, -1 where the nearest beside it is to be taken.
 
     walls : small patches whose corners or edges lie on no common point of their surfaces are walls of free form: their triangles become faces.
+    Where a face comes out not valid the borders of walls on it are made even, and then, if small, it is a wall too.
     """
     wall = np.zeros(len(label), bool)
-    area = face_areas(mesh_mm)
+    area, evened = face_areas(mesh_mm), False
     for _ in range(WALLS):
         network = network_of(mesh_mm, label, surfaces, wall)
         touches = touches_of(mesh_mm, network, surfaces, covariances, tolerance, spacing)
@@ -65,23 +66,31 @@ def traced_solid(
         if loose > LOOSE or n_facets > MOST_FACETS:
             break
         made, kept = made_to_touch(surfaces, covariances, touches, tolerance)
-        meeting = Meeting(mesh_mm, network, made, [touch.chain for touch in kept], tolerance, spacing)
+        meeting = Meeting(mesh_mm, network, made, [touch.chain for touch in kept], tolerance, spacing, evened=evened)
         edges = meeting.edges()
         own = network.surface[network.label]
         small = {k for k in meeting.missed(tolerance, edges) if k >= 0 and float(area[own == k].sum()) <= SMALL * float(area.sum())}
         if not small or not walls:
-            return Traced(solid=_solid(mesh_mm, network, made, meeting, edges), surfaces=tuple(made), n_facets=n_facets, loose=loose)
+            solid, invalid = _solid(mesh_mm, network, made, meeting, edges)
+            if not invalid or not walls:
+                return Traced(solid=solid, surfaces=tuple(made), n_facets=n_facets, loose=loose)
+            small = {k for k in invalid if evened and k >= 0 and float(area[own == k].sum()) <= SMALL * float(area.sum())}
+            evened = True
         wall = np.isin(own, sorted(small)) | (own < 0)
     return Traced(solid=None, surfaces=tuple(surfaces), loose=loose)
 
 
-def _solid(mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], meeting: Meeting, edges: Mapping[int, Edge]) -> Any | None:
+def _solid(
+    mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], meeting: Meeting, edges: Mapping[int, Edge]
+) -> tuple[Any | None, set[int]]:
+    """The solid, and the surfaces of faces that are not valid."""
     try:
         faces = _faces(mesh, network, surfaces, meeting, edges)
     except Exception:  # noqa: BLE001 - Open Cascade raises types of its own for what it cannot draw: no solid then
-        return None
-    solid = solid_of_faces(faces) if faces else None
-    return None if solid is None else _whole(solid)
+        return None, set()
+    invalid = {int(network.surface[region]) for region, face in faces.items() if not is_valid(face)}
+    solid = solid_of_faces(list(faces.values())) if faces else None
+    return None if solid is None else _whole(solid), invalid
 
 
 def _loose(mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], touching: Collection[int]) -> float:
@@ -107,27 +116,29 @@ def _whole(solid: Any) -> Any:
     return joined if is_valid(joined) and len(parts(joined, TopAbs_SOLID)) == 1 else solid
 
 
-def _faces(mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], meeting: Meeting, edges: Mapping[int, Edge]) -> list[Any]:
-    """A face of each region; none where a region has no border that closes."""
+def _faces(
+    mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], meeting: Meeting, edges: Mapping[int, Edge]
+) -> dict[int, Any]:
+    """The face of each region; none where a region has no border that closes."""
     drawn = _drawn(edges, meeting.corners)
     uses: dict[int, list[_Use]] = {k: [] for k in range(len(network.surface))}
     for number, edge in edges.items():
         chain = network.chains[number]
         uses[chain.left].append((number, True, edge.first, edge.last))
         uses[chain.right].append((number, False, edge.last, edge.first))
-    out = []
+    out: dict[int, Any] = {}
     for region, own in uses.items():
         loops = _loops(own)
         if not loops:
-            return []
+            return {}
         if network.surface[region] < 0:
             corners = np.array([meeting.corners[use[2]].at for use in loops[0]])
             normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
             flat = Surface(kind=PLANE, point=corners[0], axis=normal / np.linalg.norm(normal))
-            out.append(_face(flat, corners, loops, drawn))
+            out[region] = _face(flat, corners, loops, drawn)
             continue
         used = np.unique(mesh.faces[network.label == region])
-        out.append(_face(surfaces[network.surface[region]], mesh.vertices[used], loops, drawn))
+        out[region] = _face(surfaces[network.surface[region]], mesh.vertices[used], loops, drawn)
     return out
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import scan2fea.kernel.pipe_path as pipe_path_module
+import scan2fea.kernel.pipe_runs as pipe_runs_module
 from predicates import rotation
 from scan2fea.kernel.bends import bent, pieces_of, straightened
 from scan2fea.kernel.pipe_path import pipe_path
@@ -91,6 +92,21 @@ def _mitred(rng):
 @pytest.mark.parametrize("make", [_box, _ball, _tee, _straight, _mitred])
 def test_what_is_no_pipe_with_elbows(make):
     assert pipe_path(make(np.random.default_rng(0))) is None
+
+
+@pytest.mark.parametrize(("fruitless", "is_found"), [(11, True), (12, False)])
+def test_a_dozen_patches_that_come_to_no_run_are_enough(monkeypatch, fruitless, is_found):
+    """Of 60 pipes at most five patches came to nothing before one grew; edges of flat faces are bent too, and cost seconds."""
+    points, _ = points_of(STEAM, 0.008, 0.0003, seed=5)
+    grown, calls = pipe_runs_module._grown, []
+
+    def counted(*given):
+        calls.append(1)
+        return grown(*given) if len(calls) > fruitless else None
+
+    monkeypatch.setattr(pipe_runs_module, "_grown", counted)
+    runs = pipe_runs_module.runs_of(points, 0.008, 0.003, 1)
+    assert bool(runs) == is_found and (is_found or len(calls) == 12)
 
 
 def test_all_points_alike():

@@ -13,7 +13,7 @@ from scan2fea.kernel.surface_fit import CYLINDER, descend
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 _SEEDS = 60  # places where a run is looked for
-_ASKED, _CURVED = 12, 0.3  # seeds, and their share that must lie on something bent one way
+_ASKED, _CURVED = 12, 0.3  # seeds, and their share that must lie on something bent one way; growths of which one must come to a run
 _PATCHES = (16, 32, 64, 128, 256, 512, 1024)  # points of the patches that tell a curvature
 _PATCH_POINTS = 12
 _TELLS = 5.0  # standard deviations of a curvature that is one
@@ -56,7 +56,7 @@ def runs_of(points: FloatArray, h: float, tolerance: float, seed: int) -> list[R
     tree = cKDTree(points)
     free = np.ones(len(points), bool)
     runs: list[Run] = []
-    n_asked = n_curved = 0
+    n_asked = n_curved = n_grown = 0
     for row in np.random.default_rng(seed).permutation(sampled_rows(len(points), _SEEDS, seed)):
         if not free[row]:
             continue
@@ -64,7 +64,10 @@ def runs_of(points: FloatArray, h: float, tolerance: float, seed: int) -> list[R
         n_asked, n_curved = n_asked + 1, n_curved + (begun is not None)
         if n_asked >= _ASKED and n_curved < _CURVED * n_asked:
             return []  # nothing that is bent everywhere
+        if n_grown >= _ASKED and not runs:
+            return []  # bent at its edges: of a pipe the first few patches grow
         run = None if begun is None else _grown(points, begun, tolerance, h)
+        n_grown += begun is not None
         if run is None or (runs and abs(run.radius - runs[0].radius) > _ALIKE * runs[0].radius):
             continue
         fresh = run.rows & free

@@ -1,3 +1,4 @@
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -8,9 +9,10 @@ from scan2fea.kernel.distances import signed_distance
 from scan2fea.kernel.measures import volume
 from scan2fea.reconstruction import reconstruct, visibility
 from scan2fea.reconstruction.bare_ends import BARE_ENDS
-from scan2fea.reconstruction.budget import FLAT_INSTEAD
+from scan2fea.reconstruction.budget import FLAT_INSTEAD, VOLUME_IN_DOUBT
 from scan2fea.reconstruction.gates import failed
-from scan2fea.reconstruction.planar import served
+from scan2fea.reconstruction.gates_planar import DIFFER
+from scan2fea.reconstruction.planar import flattened, served
 from scan2fea.reconstruction.two_answers import CUT, PLACES, apart, contradicted, inner_places
 from scan2fea.simulation.polyhedra import meshed, prism
 from scan2fea.types import PointCloud, Scan
@@ -107,3 +109,24 @@ def test_places_are_uniform_in_the_solid_however_it_lies():
     leg = T * 0.8 / (T * 0.8 + T * (0.8 - T))
     assert abs(np.mean(local[:, 1] < T) - leg) < 4 * np.sqrt(leg * (1 - leg) / PLACES)
     assert abs(local[:, 2].mean() - 0.5) < 4 * np.sqrt(1 / 12 / PLACES)
+
+
+@pytest.mark.parametrize(("against", "source", "asked"), [
+    ((DIFFER,), "sensors", [False, True]), ((DIFFER, "stray points"), "sensors", [False]), ((DIFFER,), "outside flood", [False]),
+])  # fmt: skip
+def test_sight_lines_say_which_is_right_where_flat_solid_and_free_form_differ_alone(monkeypatch, against, source, asked):
+    scan = scanned(ANGLE, H, seed=1)[0]
+    first, flat, ways = visibility(scan), flattened(scan, visibility(scan)), []
+
+    def answer(_scan, _first, _seed, by_lines, _faces):
+        ways.append(by_lines)
+        checks = tuple(replace(check, passed=by_lines or check.name not in against) for check in flat.checks)
+        return replace(flat, checks=checks)
+
+    assert not failed(first.checks)
+    monkeypatch.setattr(sys.modules["scan2fea.reconstruction.planar"], "flattened", answer)
+    found, refused = served(scan, replace(first, source=source))
+    assert ways == asked and len(refused) == 1
+    names = [check.name for check in found.checks]
+    assert (found.mesh is flat.mesh) == (True in asked) == (FLAT_INSTEAD in names)
+    assert names.count(VOLUME_IN_DOUBT) == 1

@@ -31,6 +31,7 @@ from scan2fea.reconstruction.visibility import DARK_HOLES, Reconstruction
 from scan2fea.reconstruction.wall_ends import ends_left
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, Scan, TriangleMesh
 
+DIFFER = "solid and first surface"
 UNEXPLAINED = 0.01  # of the points may lie on none of the flat faces
 UNEXPLAINED_INSIDE = 0.002  # the same where gaps lead inside: of hollow bodies 0.3 % and more were seen through their mouths
 EXCESS = 1.15  # scatter of the points about the faces against their noise
@@ -89,7 +90,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
             f"the noise leaves {open_m3 / body:.1%} of the volume open (limit {UNCERTAIN:.0%}): scan more, or with less noise",
         ),
         at_most(
-            "solid and first surface", apart, APART,
+            DIFFER, apart, APART,
             f"sight lines pass through {apart:.1%} of the flat solid (limit {APART:.0%})" if by_lines else
             f"the flat solid and the surface it came from differ by {apart:.1%} of the volume more than edges explain (limit {APART:.0%})",
         ),

@@ -24,7 +24,7 @@ from scan2fea.reconstruction.blurred_faces import placed
 from scan2fea.reconstruction.flat_gaps import over_walls
 from scan2fea.reconstruction.flat_solid import flat_solid
 from scan2fea.reconstruction.gates import failed
-from scan2fea.reconstruction.gates_planar import gates_planar
+from scan2fea.reconstruction.gates_planar import DIFFER, gates_planar
 from scan2fea.reconstruction.gates_round import one_region, rolled
 from scan2fea.reconstruction.plane_growing import Planes
 from scan2fea.reconstruction.regular import EXACT
@@ -32,7 +32,9 @@ from scan2fea.reconstruction.round_cuts import Shapes, cut_round, shapes
 from scan2fea.reconstruction.round_gaps import over_rounds
 from scan2fea.reconstruction.round_growing import Rounds
 from scan2fea.reconstruction.shapes_found import Faces, flat_faces, moved_planes, round_faces
+from scan2fea.reconstruction.sharpened import served_sharp
 from scan2fea.reconstruction.sight import Sight
+from scan2fea.reconstruction.two_answers import against_free
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
 from scan2fea.types import BoolArray, FloatArray, IntArray, Scan, TriangleMesh, Value
 
@@ -107,10 +109,10 @@ def flattened(scan: Scan, first: Reconstruction, seed: int = 0, by_lines: bool =
 def served(scan: Scan, first: Reconstruction, seed: int = 0) -> tuple[Reconstruction, tuple[Reconstruction, ...]]:
     """Flat and round faces where they explain the points and close; else the first surface, with the reason in `how`. And those that were refused.
 
-    Cylinders are looked for where planes alone do not serve. Where the first surface is refused and sensors are known, what is hidden has led it
-    astray: then sight lines label the cells in its place, before any cylinder is tried.
+    Cylinders are looked for where planes alone do not serve. Where sensors are known and the first surface is refused, or differs from a flat solid
+    that nothing else speaks against, what is hidden has led it astray: then sight lines label the cells in its place, before any cylinder is tried.
     """
-    by_lines = bool(failed(first.checks)) and first.source == "sensors"
+    seen, by_lines = first.source == "sensors", bool(failed(first.checks))
     why = ""
     refused: list[Reconstruction] = []
     for find in (flat_faces, round_faces):
@@ -119,11 +121,13 @@ def served(scan: Scan, first: Reconstruction, seed: int = 0) -> tuple[Reconstruc
         except ReconstructionError as error:
             why = str(error)
             continue
-        for lines in (False, True) if by_lines else (False,):
-            if faces is None:
+        differs = False
+        for lines in (False, True):
+            if faces is None or (lines and not (seen and (by_lines or differs))):
                 continue
             try:
                 flat = flattened(scan, first, seed, lines, faces)
+                flat = against_free(scan, flat, served_sharp(scan, first), seed) if lines and not by_lines else flat
             except ReconstructionError as error:
                 why = str(error)
                 continue
@@ -131,6 +135,7 @@ def served(scan: Scan, first: Reconstruction, seed: int = 0) -> tuple[Reconstruc
             if not against:
                 return flat, tuple(refused)
             refused.append(flat)
+            differs = {check.name for check in against} == {DIFFER}
             why = "; ".join(check.name for check in against)
     return replace(first, how={**first.how, "not_planar": why}), tuple(refused)
 

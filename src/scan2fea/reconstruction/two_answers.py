@@ -18,13 +18,12 @@ from scan2fea.reconstruction.budget import BARE_FACES, FLAT_INSTEAD, HIDDEN_VOLU
 from scan2fea.reconstruction.empty_places import EMPTY_PLACES
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.gates import failed, in_all
-from scan2fea.reconstruction.gates_planar import RIM_CUT
+from scan2fea.reconstruction.gates_planar import DIFFER, RIM_CUT
 from scan2fea.reconstruction.sight import Sight, blocked_lines
 from scan2fea.reconstruction.visibility import Reconstruction
 from scan2fea.reconstruction.wall_ends import LIMIT
 from scan2fea.types import Check, FloatArray, Scan, TriangleMesh
 
-DIFFER = "solid and first surface"  # the gate of the flat solid that compares their volumes
 # of these none is about where points lie
 WHERE = frozenset({DIFFER, HIDDEN_VOLUME, WALL_ENDS, BARE_FACES, EMPTY_PLACES, UNSEEN_WALLS, VOLUME_IN_DOUBT, "unmeasured area"})
 CUT = math.sqrt(RIM_CUT)  # spacings that a square edge lies before the chord which cuts RIM_CUT square spacings off it
@@ -47,8 +46,17 @@ def contradicted(scan: Scan, found: Reconstruction, flats: Sequence[Reconstructi
     told = [apart(scan, found, flat.mesh, seed) for flat in holding]
     if not told:
         return found
-    others = (check for check in found.checks if check.name != VOLUME_IN_DOUBT)
-    return replace(found, checks=in_all(*others, max(told, key=lambda check: float(check.value or 0.0))))
+    return _with(found, max(told, key=lambda check: float(check.value or 0.0)))
+
+
+def against_free(scan: Scan, flat: Reconstruction, free: Reconstruction, seed: int = 0) -> Reconstruction:
+    """A flat solid labelled by sight lines, with a check of where a free form that passes says otherwise, and nobody saw."""
+    return _with(flat, apart(scan, free, flat.mesh, seed))
+
+
+def _with(found: Reconstruction, check: Check) -> Reconstruction:
+    others = (other for other in found.checks if other.name != VOLUME_IN_DOUBT)
+    return replace(found, checks=in_all(*others, check))
 
 
 def apart(scan: Scan, found: Reconstruction, flat: TriangleMesh, seed: int = 0) -> Check:

@@ -71,7 +71,7 @@ def _built(
         made.how["cad_reason"] = f"true faces were found but not meshed: {error}"
         return None
     tets = filled.value.tets
-    problem = _problem(made, tets) or _seen_through(made, found.value, surface.value)
+    problem = _problem(made, tets, config.fea.max_dof) or _seen_through(made, found.value, surface.value)
     if problem:
         made.how["cad_reason"] = problem
         return None
@@ -108,8 +108,11 @@ def _n_faces(found: Trued) -> int:
     return 0 if found.brep is None else len(found.brep.face_names)
 
 
-def _problem(made: Made, tets: TetMesh) -> str:
-    """Why the tets of true faces would be refused later; then facets may still do."""
+def _problem(made: Made, tets: TetMesh, max_dof: int) -> str:
+    """Why the tets of true faces would be refused later; then facets may still do. Faces narrower than elements make these small."""
+    n_dof = 3 * len(tets.nodes)
+    if n_dof > max_dof:
+        return f"true faces were found, but the tets inside have {n_dof} degrees of freedom (fea.max_dof = {max_dof})"
     limit = float(limits()["tets.min_dihedral"]["limit"])
     worst = worst_dihedral(tets)
     if worst <= limit:

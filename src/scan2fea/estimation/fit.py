@@ -21,7 +21,7 @@ from scan2fea.estimation.ends import rough_ends
 from scan2fea.estimation.face_weights import seen_weights
 from scan2fea.estimation.initial import Start, size_of
 from scan2fea.estimation.laws import PLAUSIBLE, law_spread, with_law_spread
-from scan2fea.estimation.likelihood import Layout, SectionModel, StatedNoise, bounds, hull_area, model_of, prior, sigma_floor
+from scan2fea.estimation.likelihood import Layout, SectionModel, StatedNoise, bounds, hull_of, model_of, prior, sigma_floor, stray_area
 from scan2fea.estimation.observability import observable
 from scan2fea.estimation.polish import Polished, polished
 from scan2fea.estimation.scoring import Scored
@@ -117,7 +117,8 @@ class _Task(Value):
 
     points: FloatArray
     z_range: tuple[float, float]
-    area_m2: float
+    hull: tuple[float, int]  # of all points across the member: area and corners
+    area_m2: float  # of strays
     size_m: float
     fixed: Mapping[str, float]
     best: Candidate
@@ -130,6 +131,10 @@ class _Task(Value):
             some, layout, self.z_range, area_m2=self.area_m2, noise=self.best.noise, face_weight=self.best.face_weight, stated=self.options.stated
         )  # fmt: skip
         return model if self.arc is None else replace(model, arc=self.arc)
+
+    def with_strays(self, share: float, among: int) -> _Task:
+        """The same, knowing what share of so many points are strays: these at least are known to fill the hull."""
+        return replace(self, area_m2=stray_area(self.hull, share * among))
 
     def with_arc(self, layout: Layout, theta: FloatArray) -> _Task:
         """The same, knowing what part of a circle was seen."""
@@ -157,8 +162,8 @@ def fit_section(
     """
     points = _checked(points, options, fixed)
     fixed = fixed or {}
-    area = hull_area(points[:, :2])  # of all: strays of a smaller area than the points fill would be likelier than they are
-    size = size_of(points[:, :2])
+    hull = hull_of(points[:, :2])  # of all: strays of a smaller area than the points fill would be likelier than they are
+    area, size = hull[0], size_of(points[:, :2])
     low, high = rough_ends(points[:, 2])
     z_used = z_range or (low, high)
     inside = _between(points, z_used)
@@ -185,8 +190,8 @@ def fit_section(
     if turned and best.face_weight is not None:
         best = replace(best, face_weight=turned_weight(layout.family, best.face_weight))
     longer = replace(layout, tilt=True, n_bow=options.n_bow, n_twist=options.n_twist)
-    task = _Task(points=inside, z_range=z_used, area_m2=area, size_m=size, fixed=fixed, best=best, options=options)
-    task = task.with_arc(layout, theta)
+    task = _Task(points=inside, z_range=z_used, hull=hull, area_m2=area, size_m=size, fixed=fixed, best=best, options=options)
+    task = task.with_strays(layout.outlier_share(theta), len(scene.points)).with_arc(layout, theta)
     last = _final(task, longer, layout.moved(theta, longer))
     denied = _denied(task, longer, last[1].theta)
     if denied:
@@ -280,7 +285,8 @@ def _final(task: _Task, layout: Layout, theta: FloatArray) -> tuple[Layout, Scor
                 return _exact(task, layout, done, smooth, held)
             done = max((done, climbed(some, smooth.theta, task.size_m, fixed=held, max_iterations=8)), key=lambda s: s.log_posterior)
     if len(task.points) > len(some.xy):
-        done = climbed(task.model(layout), done.theta, task.size_m, fixed=held, max_iterations=_LAST_STEPS, tolerance=1e-2)
+        whole = task.with_strays(layout.outlier_share(done.theta), len(some.xy)).model(layout)
+        done = climbed(whole, done.theta, task.size_m, fixed=held, max_iterations=_LAST_STEPS, tolerance=1e-2)
         done = replace(done, converged=True)
     return layout, done, None
 

@@ -22,7 +22,7 @@ from scan2fea.estimation.swept import Sweep, sweep_of_member
 from scan2fea.estimation.two_sided import blended
 from scan2fea.kernel.pinned import SEEN, pinned
 from scan2fea.kernel.section_likelihood import face_lengths, faces
-from scan2fea.kernel.sections import ROUND, section, section_area
+from scan2fea.kernel.sections import PARAMETERS, ROUND, section, section_area
 from scan2fea.types import BoolArray, FloatArray, Member, Parameter
 
 _CELLS = 200  # across the section, to measure areas
@@ -30,6 +30,7 @@ _UNSEEN = 0.05  # points per metre against the densest face: what noise carries 
 _REACH = "it is only how far the scan reaches: no two faces that were seen fix it"
 BLENDED = "its two faces do not stand apart: one face under wider noise explains the points too"
 _EDGES = ("LEFT", "RIGHT")  # of a flat: where it may be one face, what looks like them may be where the scan ends
+_THINNEST = 0.01  # of the width: hollow sections of sections.csv have 0.0109 and more
 _HALF = 0.5  # of a wall that may be one face
 _CHORD = 2e-3  # of the section: circles bulge so far beyond their polygons, and exact points are rounded
 _OUTER_SIGMAS = 2.0  # below the outer faces of a tube: 2.5 in 100 of their points lie deeper
@@ -223,7 +224,7 @@ def honest(points: FloatArray, member: Member, options: MemberOptions) -> tuple[
     fixed = pinned(member.family, [*seen, *member.reached])
     fitted = [p.name for p in member.parameters if p.name != "length" and p.source == "fitted" and p.observable]
     why = {name: _REACH if name not in fixed else BLENDED for name in fitted if name not in fixed or name in one_face}
-    if why.get("t") == BLENDED and member.family in ("RHS", "CHS"):
+    if member.family in ("RHS", "CHS") and (why.get("t") == BLENDED or _too_thin(member)):
         member = _one_face(member)
     loose = [k for k, p in enumerate(member.parameters) if p.name in why]
     covariance = np.array(member.covariance)
@@ -237,6 +238,12 @@ def honest(points: FloatArray, member: Member, options: MemberOptions) -> tuple[
 def _loose(p: Parameter, *, guess: bool) -> Parameter:
     """Not observable. guess : the estimate stays one, good to half of itself: two faces under the noise that was found, or one under more."""
     return dataclasses.replace(p, std_m=None, observable=False, spread_m=max(p.std_m or 0.0, _HALF * p.value_m) if guess else None)
+
+
+def _too_thin(member: Member) -> bool:
+    """A tube whose wall was fitted, is not told and is thinner than any tube's: faces whose noises differ look like two of one wall."""
+    t = next(p for p in member.parameters if p.name == "t")
+    return t.source == "fitted" and not t.observable and t.value_m < _THINNEST * max(member.values()[name] for name in PARAMETERS[member.family])
 
 
 def _one_face(member: Member) -> Member:

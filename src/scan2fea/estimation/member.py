@@ -37,6 +37,7 @@ from scan2fea.estimation.end_faces import cut_askew
 from scan2fea.estimation.ends import Ends, rough_ends
 from scan2fea.estimation.ends_show_more import ends_show_more
 from scan2fea.estimation.explain import MIN_SLENDER, Explanation, explanation
+from scan2fea.estimation.face_noise import doubted_for_rays
 from scan2fea.estimation.fit import MIN_POINTS, SectionFit
 from scan2fea.estimation.from_outside import TUBE_OF, seen_from_outside, tube_of
 from scan2fea.estimation.given import Given, Told, compared, joint_p_value, told_by
@@ -149,10 +150,17 @@ def fit_member(
             p_fixed, given = compared_by_rays(scan, member, fixed, options.seed)
             found = dataclasses.replace(found, p_fixed=p_fixed, given=given)
     if found.method == "density" and found.explains and not inside:
-        found = dataclasses.replace(found, member=freed_of_ray_noise(scan, found.member, found.section.face_weight, options.seed))
+        found = dataclasses.replace(found, member=_after_ray_noise(scan, points, found, options.seed))
     member = dataclasses.replace(found.member, inside=inside_of(points, found.member), told_toes=told_toes(points, found.member))
     more = ends_show_more(points, member) if found.explains else ""
     return dataclasses.replace(found, member=member, explains=found.explains and not more, reason=more or found.reason)
+
+
+def _after_ray_noise(scan: Scan, points: FloatArray, found: MemberFit, seed: int) -> Member:
+    """The member freed of what noise along its rays did, or, where these are not known, with the doubt about it."""
+    if scan.rays is not None and (scan.cloud.ray >= 0).any():
+        return freed_of_ray_noise(scan, found.member, found.section.face_weight, seed)
+    return doubted_for_rays(points, found.member, found.section.face_weight, seed)
 
 
 def _tube_for(points: FloatArray, found: MemberFit, options: MemberOptions, families: tuple[str, ...], covers: Covers) -> MemberFit:

@@ -12,11 +12,13 @@ import numpy as np
 from scan2fea.estimation.ray_data import FULL_OPENING, RayData
 from scan2fea.estimation.ray_model import LOG_FOOT_PRIOR, LOGIT_PRIOR, NUISANCE, WALLS, RayLayout, RayModel
 from scan2fea.estimation.scoring import Scored, maximise, summed
+from scan2fea.kernel.noise import sampled_rows
 from scan2fea.types import FloatArray, Member
 
 N_ROLLS = 8
 ANNEALED = (0.12, 0.06, 0.03, 0.015)  # width of beam and noise, in sizes of the section
 AGAIN = (0.05, 0.02, 0.008)  # the same for the second annealing
+N_AGAIN = 1200  # rays of it: wide beams need no more, and what follows sharpens it with all
 WALL_STARTS = (0.03, 0.1, 0.3)  # of the section's size
 SAME_SECTION = 0.01  # of its size: nearer than this are two climbs of one hill
 OUTRUN = 20.0  # log likelihood, of the few rays that judge the starts: what is so far behind does not come back
@@ -76,9 +78,9 @@ def _same(layout: RayLayout, one: Scored, other: Scored) -> bool:
 def settled(data: RayData, layout: RayLayout, theta: FloatArray, held: Mapping[str, float]) -> Scored:
     """The better of the fit from theta and of that from theta annealed once more: sharp edges may lock a section before its planes are right."""
     direct = fitted(data, layout, theta, held, tolerance=0.2)
-    soft = direct.theta
+    soft, few = direct.theta, data.take(sampled_rows(len(data), N_AGAIN, 0))
     for width in AGAIN:
-        soft = fitted(data, layout, soft, held, still=("log_footprint",), least_m=width * data.size, max_iterations=20, tolerance=0.05).theta
+        soft = fitted(few, layout, soft, held, still=("log_footprint",), least_m=width * data.size, max_iterations=20, tolerance=0.05).theta
     again = fitted(data, layout, soft, held, tolerance=0.2)
     return max((direct, again), key=lambda one: one.log_posterior)
 

@@ -1,9 +1,12 @@
 """How well rays tell a thin angle that the points cannot: 127 x 127 x 6.35 mm, 3.048 m, noise of 20 mm along the ray.
 
-    python benchmarks/estimation_rays.py [--seeds 20] [--cells all,inner,...] [--jobs N] [--seconds S] [--state FILE] [--speed]
+    python benchmarks/estimation_rays.py [--seeds 20] [--cells all,inner,...] [--jobs N] [--seconds S] [--state FILE] [--speed] [--bound]
 
 Every cell prints, over its seeds: the share of fits within the target, RMSE, the mean reported standard deviation and the cover of 95 % intervals,
 for dimensions that the fit says it can tell, and how often it does.
+
+--bound: the same legs at the Cramer-Rao bound of the very rays: Fisher's information at the truth, expected over a few noises on each seed's rays,
+with all unknowns free, and with some of them known. No unbiased fit can have more legs within the limit.
 """
 
 import argparse
@@ -13,13 +16,17 @@ import time
 from pathlib import Path
 
 import numpy as np
+from scipy.special import ndtr
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "estimation"))
 import scans
 from in_parallel import ordered, read_state, run_all
 
 from scan2fea.errors import Scan2FeaError
+from scan2fea.estimation.ray_data import prepared
 from scan2fea.estimation.ray_likelihood import RayOptions, fit_rays
+from scan2fea.estimation.ray_model import WALL_PRIOR, RayLayout, RayModel
+from scan2fea.estimation.ray_starts import of_member
 from scan2fea.kernel.transforms import compose, rigid, rotation_about
 from scan2fea.types import Scan
 
@@ -104,6 +111,58 @@ def report(name, rows, limit):
     print(line + f"; all within {limit} mm {np.mean(np.abs(rows[:, 0]) < limit):4.0%}", flush=True)
 
 
+KNOWN = {  # what would be given away -> names of the unknowns
+    "nothing known": (),
+    "the wall known": ("t",),
+    "wall, roll, direction, ends and noise known": ("t", "roll", "x1", "y1", "start", "end", "log_sigma"),
+}
+FREE_OF = ("edge", "log_footprint", "logit_dropped", "logit_outlier")  # known all the same: the sensor is stated and every ray is sound
+N_NOISES = 5
+
+
+def bounds_of(name, seed):
+    """What is known -> standard deviations (2,) of the legs at the bound, metres."""
+    kind, share, sensor, _ = CELLS[name]
+    solid, scan = scan_of(kind, share, scans.Sensor(**sensor), seed)
+    layout, box = RayLayout("L", 1), np.array([[-0.5, -0.5], [1.5, 1.5]]) * max(scans.THIN_L.values())
+    near = prepared(scan, solid, 1, None, box).rows
+    total = np.zeros((len(layout.names),) * 2)
+    for k in range(N_NOISES):
+        rng = np.random.default_rng([seed, 55, k])
+        data = prepared(scans.shoot(solid, scan.rays.origin[near], scan.rays.direction[near], scans.Sensor(**sensor), rng), solid, 1, None, box)
+        theta = of_member(data, layout, dataclasses.replace(solid, sigma_m=scans.Sensor(**sensor).sigma_m))
+        theta[-2:] = -7.0  # all but no ray is lost or means nothing
+        scores = RayModel(layout, data).evaluate(theta)[1]
+        total += scores.T @ scores / N_NOISES
+    at = layout.place["t"]
+    total[at, at] += 1 / (WALL_PRIOR[1] * max(scans.THIN_L.values())) ** 2
+    found = {}
+    for what, known in KNOWN.items():
+        free = [n for n in layout.names if n not in known and n not in FREE_OF]
+        part = total[np.ix_([layout.place[n] for n in free], [layout.place[n] for n in free])]
+        unit = 1 / np.sqrt(np.diag(part))
+        covariance = np.linalg.pinv(part * np.outer(unit, unit), rcond=1e-13) * np.outer(unit, unit)
+        found[what] = np.sqrt(np.abs([covariance[free.index(n), free.index(n)] for n in "ab"]))
+    return found
+
+
+def bound_table(name, rows):
+    """The legs that the fit tells, at the bound and as they came out."""
+    limit = 0.003 if CELLS[name][0] in ("inner", "outer") else 0.0015
+    good = [row for row in rows if "error" not in row]
+    at = [bounds_of(name, row["seed"]) for row in good]
+    told = np.array([[row[d][1] is not None for d in "ab"] for row in good])
+    error = np.array([[row[d][0] for d in "ab"] for row in good])[told]
+    sd = np.array([[row[d][1] for d in "ab"] for row in good], float)[told]
+    within = {what: ndtr(limit / np.array([one[what] for one in at])) * 2 - 1 for what in KNOWN}
+    least = np.array([one["nothing known"] for one in at])[told]
+    print(f"    {told.sum()} told legs within the limit as fitted {np.mean(np.abs(error) < limit):.1%}; at the bound (all legs in brackets)")
+    for what, share in within.items():
+        print(f"        {share[told].mean():.1%} ({share.mean():.1%}) {what}")
+    print(f"    bound {1e3 * np.median(least):.2f} mm in the median, {1e3 * np.quantile(least, 0.9):.2f} in a tenth", end="")
+    print(f"; reported over bound {np.median(sd / least):.2f}, error over reported {np.sqrt(np.mean((error / sd) ** 2)):.2f} rms", flush=True)
+
+
 def speed():
     sensor = scans.Sensor(footprint_rad=BEAM)
     for n in (20_000, 200_000, 1_400_000):
@@ -122,6 +181,7 @@ if __name__ == "__main__":
     parser.add_argument("--seconds", type=float, default=float("inf"), help="wall time after which no further run begins")
     parser.add_argument("--state", type=Path, default=Path("estimation_rays.jsonl"))
     parser.add_argument("--speed", action="store_true")
+    parser.add_argument("--bound", action="store_true")
     chosen = parser.parse_args()
     if chosen.speed:
         speed()
@@ -133,3 +193,5 @@ if __name__ == "__main__":
         for name in names:
             if found[name]:
                 table(name, found[name])
+            if found[name] and chosen.bound:
+                bound_table(name, found[name])

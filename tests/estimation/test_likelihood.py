@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from scan2fea.errors import InputError, UsageError
+from scan2fea.estimation.anneal import climbed
 from scan2fea.estimation.canonical import canonical, turned_weight
 from scan2fea.estimation.face_weights import seen_weights
-from scan2fea.estimation.likelihood import Layout, bounds, hull_area, model_of, prior, scales, sigma_floor
+from scan2fea.estimation.likelihood import Layout, bounds, hull_area, hull_of, model_of, prior, scales, sigma_floor, stray_area
 from scan2fea.kernel.section_likelihood import faces
+from scan2fea.simulation.member import MemberScanOptions, member_points
 
 VALUES = {
     "L": (0.127, 0.1, 0.00635),
@@ -156,3 +158,29 @@ def test_bounds_fix_and_refuse():
 def test_points_on_a_line_are_refused():
     with pytest.raises(InputError, match="lie on one line"):
         hull_area(np.c_[np.linspace(0, 1, 60), np.linspace(0, 2, 60)])
+
+
+def test_the_hull_of_strays_is_widened_by_what_it_lacks():
+    """A hull of m even points lacks corners / m of their area on average; where none is a stray, four times the hull is enough."""
+    rng = np.random.default_rng(3)
+    for m in (200, 1_000):
+        found = [stray_area(hull_of(rng.random((m, 2))), m) for _ in range(300)]
+        assert np.mean(found) == pytest.approx(1.0, abs=0.01)
+    assert stray_area((2.0, 10), 0.0) == stray_area((2.0, 10), 1.0) == 8.0
+    assert stray_area((2.0, 10), 20.0) == pytest.approx(3.0)
+
+
+def test_the_far_ends_of_the_noise_are_no_strays():
+    """Without strays a law that ends at the hull takes some of the noise's tail for strays; over a wider area it does not, and walls stay."""
+    values, sigma = {"a": 0.127, "b": 0.127, "t": 0.00635, "length": 3.0}, 0.02
+    layout, start = Layout(family="L"), np.array([0.127, 0.127, 0.00635, 0, 0, 0, np.log(sigma), -8.0])
+    thicker, shares = [], []
+    for seed in range(3):
+        points = member_points("L", values, 60_000, MemberScanOptions(noise_m=sigma, seed=seed))
+        hull = hull_of(points[:, :2])
+        tight, wide = (climbed(model_of(points, layout, (0.0, 3.0), area_m2=area), start, 0.3) for area in (hull[0], stray_area(hull, 5.0)))
+        thicker.append(tight.theta[2] - wide.theta[2])
+        shares.append([layout.outlier_share(fit.theta) for fit in (tight, wide)])
+    assert min(thicker) > 0
+    tight, wide = np.mean(shares, axis=0)
+    assert wide < 0.3 * tight

@@ -2,7 +2,8 @@
 
 Behind a hidden face, off its corners, an end face holds points evenly from the opposite face on; where they stop is the place of the hidden one,
 known as any edge is (`ends.run_end`). Both halves of that strip must stop there alike, the strip must be as full as an end face that was scanned,
-and empty beyond. A plane that nothing of the member reaches beyond might be a cut: such a face is told only where it lies askew to the file's axes.
+and empty beyond. A plane that nothing of the member reaches beyond might be a cut: such a face is told only where it lies askew to the file's axes,
+and where both halves stop so sharply that few cuts along the member would look the same (3 % of all angles).
 What stays open: something flat along the wall that hides a part of its end face.
 """
 
@@ -26,6 +27,7 @@ _LEAST, _HALF_POINTS = 20, 8  # points of a strip, and of its halves
 _CAP, _EMPTY = 1 / 3, 0.1  # density of an end face that was scanned against the sides', and of what lies beyond against the strip's
 _BARE = 2.0  # over rho: what lies bare beyond the last point is exponential, and goes beyond four times that once in 1,000
 _AGREE = 3.0  # standard deviations
+CHANCE = 0.03  # of all angles of a cut, at which what bounds a hidden face would end as square as it does
 _GAP = 8.0  # a gap among n points is wider than (log n + 8) / rho by chance in 3e-4
 _SQUARE = math.sin(math.radians(1.0))  # to an axis of the file
 
@@ -47,7 +49,7 @@ def told_by_caps(points: FloatArray, member: Member, seen: Collection[str], spac
         if not beyond and np.abs(normal).max() > math.sqrt(1 - _SQUARE**2):
             continue
         strip = _strip(caps, member, face, every)
-        end = None if strip is None else _stop(strip, member.sigma_m, density)
+        end = None if strip is None else _stop(strip, member.sigma_m, density, may_be_cut=not beyond)
         if end is not None:
             told[face.name] = end.edge_m, math.hypot(max(end.std_m, _BARE / end.rho), spacing_m / math.sqrt(3))
     return told
@@ -84,7 +86,7 @@ def _caps(local: FloatArray, member: Member) -> tuple[_Caps, float]:
 class _Strip(Value):
     """Points of the end faces behind a hidden face: out (n,) m outward of where the member has it, from `start` to `stop`.
 
-    end, half : (n,) of which end and half of the strip.   width : m, of all ends together.
+    end, half : (n,) of which end and half of the strip.   width : m, of all ends (`n_ends`) together.
     """
 
     out: FloatArray
@@ -93,6 +95,7 @@ class _Strip(Value):
     start: float
     stop: float
     width: float
+    n_ends: int
 
 
 def _strip(caps: _Caps, member: Member, face: Face, every: list[Face]) -> _Strip | None:
@@ -112,7 +115,7 @@ def _strip(caps: _Caps, member: Member, face: Face, every: list[Face]) -> _Strip
     stop = start + _WINDOW * wall
     own = (along > low + root) & (along < high - root) & (out > start) & (out < stop)
     half, width = along[own] > 0.5 * (low + high), caps.n_ends * (high - low - 2 * root)
-    return _Strip(out=out[own], end=caps.end[own], half=half, start=start, stop=stop, width=width)
+    return _Strip(out=out[own], end=caps.end[own], half=half, start=start, stop=stop, width=width, n_ends=caps.n_ends)
 
 
 def _depth(one: Face, face: Face) -> float:
@@ -123,7 +126,7 @@ def _overlap(one: Face, face: Face) -> float:
     return min(one.high, face.high) - max(one.low, face.low)
 
 
-def _stop(strip: _Strip, sigma_m: float, density: float) -> RunEnd | None:
+def _stop(strip: _Strip, sigma_m: float, density: float, *, may_be_cut: bool) -> RunEnd | None:
     """Where the points of a strip stop, at both its halves, and at both ends, alike; None where they do not."""
     out = strip.out
     if len(out) < _LEAST:
@@ -139,4 +142,15 @@ def _stop(strip: _Strip, sigma_m: float, density: float) -> RunEnd | None:
     enough = [(own <= stop.edge_m).sum() >= _HALF_POINTS for own in halves]
     parts = [run_end(own, sigma_m, strip.start) for own in (*halves, *ends) if (own <= stop.edge_m).sum() >= _HALF_POINTS]
     alike = all(abs(one.edge_m - stop.edge_m) < _AGREE * math.hypot(one.std_m, stop.std_m) + 1 / one.rho for one in parts)
-    return stop if alike and all(enough) else None
+    if not all(enough) or not alike:
+        return None
+    return None if may_be_cut and not _is_square(parts[0], parts[1], 0.5 * strip.width / strip.n_ends) else stop
+
+
+def _is_square(one: RunEnd, two: RunEnd, apart_m: float) -> bool:
+    """Whether both halves of a strip, apart_m from each other, stop as far out, and so sharply that a cut at another angle would show.
+
+    The end of a narrow wall has too few points for that: cut aslant, it looks as it does.
+    """
+    doubt = _AGREE * math.hypot(max(one.std_m, 1 / one.rho), max(two.std_m, 1 / two.rho))
+    return abs(one.edge_m - two.edge_m) <= doubt and 2 * doubt / (math.pi * apart_m) <= CHANCE

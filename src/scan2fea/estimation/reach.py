@@ -2,7 +2,7 @@
 
 That one face ends somewhere is no evidence: the scan may end there. That both neighbours of a hidden face end in one line along the member, and just
 as far as each other, is: a cut or a shadow at any other angle to the section would end them at different places. So the angle at which a cut would
-look the same must be small (`_CHANCE` of all angles), which neighbours far apart or sharp ends give, and a plane across one of the file's own axes
+look the same must be small (`CHANCE` of all angles), which neighbours far apart or sharp ends give, and a plane across one of the file's own axes
 tells nothing, for a box may have been cut out there. An end face that was scanned tells a hidden face too (`cap_runs.py`).
 What stays open: something flat and square to the section that hides the end of a
 wall on both sides, such as a slab that a web stands in.
@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc, gammaincc
 
-from scan2fea.estimation.cap_runs import told_by_caps
+from scan2fea.estimation.cap_runs import CHANCE, told_by_caps
 from scan2fea.estimation.ends import RunEnd, run_end
 from scan2fea.estimation.straight import Face, straight_faces
 from scan2fea.estimation.swept import sweep_of_member
@@ -34,7 +34,6 @@ from scan2fea.kernel.section_likelihood import face_lengths, faces
 from scan2fea.kernel.sections import PARAMETERS, ROUND
 from scan2fea.types import FloatArray, Member, Value
 
-_CHANCE = 0.03  # of all angles of a cut, at which the two neighbours would end as far as each other
 _AGREE = 3.0  # standard deviations
 _SQUARE = math.sin(math.radians(1.0))  # to an axis of the file, beside what the ends leave open
 _BAND_SIGMAS, _BAND_SIZE = 4.0, 1e-3  # about a face: its points, exact ones too (of the section's size)
@@ -136,7 +135,7 @@ def _told(local: FloatArray, member: Member, before: Face, face: Face, after: Fa
     if one is None or two is None or ends is None or ends[0] is None or ends[1] is None:
         return None
     doubt = _AGREE * math.hypot(ends[0].std_m, ends[1].std_m)
-    if abs(ends[0].edge_m - ends[1].edge_m) > doubt or 4 * doubt / (math.pi * apart) > _CHANCE:
+    if abs(ends[0].edge_m - ends[1].edge_m) > doubt or 4 * doubt / (math.pi * apart) > CHANCE:
         return None
     normal = np.asarray(member.T_world_member)[:3, face.axis]
     if np.abs(normal).max() > math.sqrt(1 - min(_SQUARE + doubt / apart, 0.5) ** 2):

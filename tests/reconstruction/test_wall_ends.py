@@ -1,4 +1,5 @@
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from scan2fea.reconstruction import advancing_front, visibility
 from scan2fea.reconstruction.budget import WALL_ENDS
 from scan2fea.reconstruction.evidence import Ends, Evidence
 from scan2fea.reconstruction.gates import failed
-from scan2fea.reconstruction.wall_ends import LIMIT, ON, passed, stretches, unseen_ends, wall_ends
+from scan2fea.reconstruction.wall_ends import LIMIT, ON, _spacing, passed, stretches, unseen_ends, wall_ends
 from scan2fea.simulation.shapes import chs
 from scan2fea.types import PointCloud, Scan
 from scanned import DENSITY
@@ -161,3 +162,15 @@ def test_an_end_that_another_answer_had_stays_where_the_surface_is_the_same(notc
     left = np.concatenate([on, on[:3] + h * normal[:3]])
     assert asked(evidence, ends([0.01, 0.3], left, 9 * [0] + 3 * [1])).value == 0.01
     assert asked(evidence, ends([0.01, 0.3], left, 6 * [0] + 6 * [1])).value == pytest.approx(0.01 + 0.3 / 4)
+
+
+def test_points_at_the_border_of_a_gap_count_as_dense_as_their_neighbours_where_sight_lines_are_known():
+    places = np.concatenate([np.random.default_rng(0).random((4000, 2)), np.zeros((4000, 1))], axis=1)
+    border = np.flatnonzero(places[:, 0] < 0.004)
+    inner = np.flatnonzero((np.abs(places[:, :2] - 0.5) < 0.4).all(axis=1))
+    rows = np.append(border, inner)
+    known, blind = (_spacing(SimpleNamespace(smoothed=places, sensors=sensors), rows) for sensors in (places, None))
+    dense = blind[inner].mean()
+    assert np.isinf(np.delete(known, rows)).all() and np.isinf(np.delete(blind, rows)).all()
+    assert known[inner].mean() == pytest.approx(dense, rel=0.08)
+    assert blind[border].mean() > 1.4 * dense and known[border].mean() < 1.35 * dense

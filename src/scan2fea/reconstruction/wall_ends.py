@@ -128,9 +128,7 @@ def stretches(evidence: Evidence) -> tuple[list[Stretch], list[Stretch]]:
     across = np.flatnonzero(np.isfinite(turned).all(axis=1) & (np.nan_to_num(turned).min(axis=1) < OPPOSITE))
     far = _far_side(normal[across])
     bare = across[~_has_points(evidence, across, far, skin)]
-    spacing = np.full(len(evidence.smoothed), math.inf)
-    spacing[points] = k_nearest(evidence.smoothed, SPACING_NEIGHBORS + 1, evidence.smoothed[points])[0][:, 1:].mean(axis=1)
-    due = (1.0 - 2.0 * skin) * DENSITY * face_areas(mesh) / np.median(spacing[corner], axis=1) ** 2
+    due = (1.0 - 2.0 * skin) * DENSITY * face_areas(mesh) / np.median(_spacing(evidence, points)[corner], axis=1) ** 2
     thick = evidence.thickness_m[corner]
     slack = np.full(len(mesh.faces), math.inf)
     every = _gathered(evidence, bare, due, thick, slack)
@@ -141,6 +139,24 @@ def stretches(evidence: Evidence) -> tuple[list[Stretch], list[Stretch]]:
     if np.isinf(slack[asked]).all():
         return every, every
     return _gathered(evidence, bare[np.isinf(slack[bare])], due, thick, slack), _gathered(evidence, bare, due, thick, slack)
+
+
+def _spacing(evidence: Evidence, rows: IntArray) -> FloatArray:
+    """(n,) distance between points round each at some rows, inf elsewhere; where sensors are known the median of what its neighbours have.
+
+    At the border of a gap a point has neighbours on one side only, farther off by the root of two: as if points lay half as dense. Without sight
+    lines, which prove ends that chance left bare, that is left as a margin.
+    """
+    places, own = evidence.smoothed, np.full(len(evidence.smoothed), math.inf)
+    if evidence.sensors is None:
+        own[rows] = k_nearest(places, SPACING_NEIGHBORS + 1, places[rows])[0][:, 1:].mean(axis=1)
+        return own
+    near = k_nearest(places, SPACING_NEIGHBORS + 1, places[rows])[1]
+    asked = np.unique(near)
+    own[asked] = k_nearest(places, SPACING_NEIGHBORS + 1, places[asked])[0][:, 1:].mean(axis=1)
+    out = np.full(len(places), math.inf)
+    out[rows] = np.median(own[near], axis=1)
+    return out
 
 
 def _skin(evidence: Evidence, wall: float) -> float:

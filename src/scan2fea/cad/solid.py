@@ -180,16 +180,12 @@ def _built(
     own = [local.vertices[np.unique(mesh.faces[patches.label == k])] for k in range(len(best))]
     best, limits = touching(best, own, scale.tolerance_m * mm, scale.reach_m * mm)
     reason = ""
-    if may_turn or any(s.kind == SPHERE for s in best):  # heads that are no spheres come as rings of them, which cannot be cut with each other
-        turned, reason = turned_solid(
-            local, (points - middle) * mm, patches, best if is_whole else as_found, scale.spacing_m * mm, scale.noise_m * mm, scale.reach_m * mm
-        )  # fmt: skip
+    turning = best if is_whole else as_found
+    is_turned = may_turn or any(s.kind == SPHERE for s in best)  # heads that are no spheres come as rings of them, which are not cut with each other
+    if is_turned:
+        turned, reason = _turned(mesh, local, points, patches, turning, scale, middle)
         if turned is not None:
-            found = compared(turned, mesh, points, middle, scale)
-            reason = found.problem
-            if not reason:
-                return trued(turned, middle, scale, (), found)
-        reason = f"turned about an axis: {reason}; "
+            return turned
     if not may_cut:
         return no_solid(reason)
     if len(best) > MAX_SURFACES:
@@ -214,7 +210,24 @@ def _built(
             first = problem if problem.endswith(LEFT_OUT) else first or problem
         if first.endswith(LEFT_OUT):  # the surfaces as they were found leave it out too
             break
-    return no_solid(reason + first)
+    turned = None if is_turned or fillets or walls else _turned(mesh, local, points, patches, turning, scale, middle)[0]
+    return no_solid(reason + first) if turned is None else turned  # rims narrower than a rounded crease are no patches
+
+
+def _turned(
+    mesh: TriangleMesh, local: TriangleMesh, points: FloatArray, patches: Patches, surfaces: list[Surface], scale: Scale, middle: FloatArray
+) -> tuple[Trued | None, str]:
+    """The surface as a body turned about an axis, or why it is none. local : the same, in millimetres around `middle`, as `surfaces`."""
+    mm = MILLIMETRES_PER_METRE
+    turned, reason = turned_solid(
+        local, (points - middle) * mm, patches, surfaces, scale.spacing_m * mm, scale.noise_m * mm, scale.reach_m * mm
+    )  # fmt: skip
+    if turned is not None:
+        found = compared(turned, mesh, points, middle, scale)
+        reason = found.problem
+        if not reason:
+            return trued(turned, middle, scale, (), found), ""
+    return None, f"turned about an axis: {reason}; "
 
 
 def _mixed(mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: Scale, stands: Sequence[Resting]) -> Trued:

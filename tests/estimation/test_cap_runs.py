@@ -10,6 +10,7 @@ import pytest
 from estimation.made import SIZES, made
 from scan2fea.estimation.cap_runs import told_by_caps
 from scan2fea.estimation.member import MemberOptions, fit_member
+from scan2fea.estimation.reach import reach
 from scan2fea.kernel.section_likelihood import faces
 from scan2fea.kernel.transforms import rigid, rotation_about
 from scan2fea.simulation.member import MemberScanOptions, member_points
@@ -93,6 +94,15 @@ def test_an_outermost_face_is_told_only_where_a_cut_at_another_angle_would_show(
     for degrees in (4, 10, 45):  # cut aslant below the hidden face
         gone = local[:, 1] > 0.01 + np.tan(np.radians(degrees)) * local[:, 0]
         assert told_by_caps(points[~gone], member, seen) == {}
+
+
+def test_where_two_neighbours_were_seen_they_decide() -> None:
+    """A flat cut a degree off square: its sides stop 1.7 mm apart, which the end faces, a tenth as dense, would not know."""
+    member, points, _ = scanned("rect", 0.0, n=12_000)
+    local = points @ ASKEW
+    cut = points[local[:, 1] < 0.001 + np.tan(np.radians(1)) * local[:, 0]]
+    assert reach(cut, member) is None
+    assert reach(points, member) is not None
 
 
 def test_the_whole_fit_tells_the_wall_and_moves_with_the_member() -> None:

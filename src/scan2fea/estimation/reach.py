@@ -85,7 +85,9 @@ def reach(points: FloatArray, member: Member, spacing_m: float = 0.0, *, whole: 
         if end is not None:
             ends[face.name] = end.edge_m, end.std_m
     if len(pinned(member.family, seen | set(ends))) < len(PARAMETERS[member.family]):
-        ends = {**told_by_caps(points, member, seen, spacing_m), **ends}
+        both = {face.name for before, face, after in _hidden(member, seen, whole) if {before.name, after.name} <= seen}
+        capped = told_by_caps(points, member, seen, spacing_m)
+        ends = {**{name: end for name, end in capped.items() if name not in both}, **ends}  # two neighbours know better, also that it is none
     found = solved(member, seen, ends, len(local)) if ends else None
     return found if found is not None and _is_built_so(member.family, found) else None
 

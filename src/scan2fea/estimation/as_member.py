@@ -22,7 +22,7 @@ from scan2fea.estimation.swept import Sweep, sweep_of_member
 from scan2fea.estimation.two_sided import blended
 from scan2fea.kernel.pinned import SEEN, pinned
 from scan2fea.kernel.section_likelihood import face_lengths, faces
-from scan2fea.kernel.sections import PARAMETERS, ROUND, section, section_area
+from scan2fea.kernel.sections import PARAMETERS, ROUND, edge_names, section, section_area
 from scan2fea.types import BoolArray, FloatArray, Member, Parameter
 
 _CELLS = 200  # across the section, to measure areas
@@ -31,6 +31,8 @@ _REACH = "it is only how far the scan reaches: no two faces that were seen fix i
 BLENDED = "its two faces do not stand apart: one face under wider noise explains the points too"
 _EDGES = ("LEFT", "RIGHT")  # of a flat: where it may be one face, what looks like them may be where the scan ends
 _THINNEST = 0.01  # of the width: hollow sections of sections.csv have 0.0109 and more
+_BLURRED = 4.0  # sigma across a face, over which noise joins its neighbours
+_THINNER, _SURE = 1 / 3, 3.0  # how much thinner than these; over root n of its points, which is what chance leaves (0.6 to 0.8 measured)
 _HALF = 0.5  # of a wall that may be one face
 _CHORD = 2e-3  # of the section: circles bulge so far beyond their polygons, and exact points are rounded
 _OUTER_SIGMAS = 2.0  # below the outer faces of a tube: 2.5 in 100 of their points lie deeper
@@ -260,6 +262,22 @@ def _one_face(member: Member) -> Member:
 
 
 def seen_faces(fit: SectionFit, told: Explanation) -> Mapping[str, float]:
-    """Share of each face that points support; none on a face that the section's fit found hidden."""
-    hidden = {name for name, weight in fit.seen.items() if weight < _UNSEEN}
+    """Share of each face that points support; none on a face that the section's fit found hidden, or that may be where its neighbours were cut."""
+    hidden = {name for name, weight in fit.seen.items() if weight < _UNSEEN or name in _cut_ends(fit)}
     return {name: 0.0 if name in hidden else share for name, share in told.seen.items()}
+
+
+def _cut_ends(fit: SectionFit) -> set[str]:
+    """Faces so narrow that noise joins their neighbours over them, and thinner in points than these: of neighbours that were cut the ends look so."""
+    if fit.family in ROUND or not fit.seen:
+        return set()
+    width = dict(zip(faces(fit.family), face_lengths(fit.family, fit.values), strict=True))
+    per_m = fit.n_used / max(sum(width[name] * fit.seen[name] for name in width), 1e-300)
+    cut = set()
+    for loop in edge_names(fit.family):
+        for i, name in enumerate(loop):
+            beside = min(fit.seen[loop[i - 1]], fit.seen[loop[(i + 1) % len(loop)]])
+            lacks = max(_THINNER, _SURE / math.sqrt(max(per_m * width[name] * beside, 1e-300)))
+            if RESOLVED * fit.sigma_m < width[name] < _BLURRED * fit.sigma_m and fit.seen[name] < (1 - lacks) * beside:
+                cut.add(name)
+    return cut

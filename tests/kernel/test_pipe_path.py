@@ -96,7 +96,7 @@ def test_what_is_no_pipe_with_elbows(make):
 
 @pytest.mark.parametrize(("fruitless", "is_found"), [(11, True), (12, False)])
 def test_a_dozen_patches_that_come_to_no_run_are_enough(monkeypatch, fruitless, is_found):
-    """Of 60 pipes at most five patches came to nothing before one grew; edges of flat faces are bent too, and cost seconds."""
+    """Of 36 pipes the first run grew after at most four patches that came to none; edges of flat faces are bent too, and cost seconds."""
     points, _ = points_of(STEAM, 0.008, 0.0003, seed=5)
     grown, calls = pipe_runs_module._grown, []
 

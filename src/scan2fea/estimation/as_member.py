@@ -263,7 +263,7 @@ def _one_face(member: Member) -> Member:
 
 def seen_faces(fit: SectionFit, told: Explanation) -> Mapping[str, float]:
     """Share of each face that points support; none on a face that the section's fit found hidden, or that may be where its neighbours were cut."""
-    hidden = {name for name, weight in fit.seen.items() if weight < _UNSEEN or name in _cut_ends(fit)}
+    hidden = {name for name, weight in fit.seen.items() if weight < _UNSEEN} | _cut_ends(fit)
     return {name: 0.0 if name in hidden else share for name, share in told.seen.items()}
 
 

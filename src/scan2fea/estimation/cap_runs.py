@@ -28,8 +28,8 @@ _CAP, _EMPTY = 1 / 3, 0.1  # density of an end face that was scanned against the
 _BARE = 2.0  # over rho: what lies bare beyond the last point is exponential, and goes beyond four times that once in 1,000
 _AGREE = 3.0  # standard deviations
 CHANCE = 0.03  # of all angles of a cut, at which what bounds a hidden face would end as square as it does
-_GAP = 8.0  # a gap among n points is wider than (log n + 8) / rho by chance in 3e-4
-_SQUARE = math.sin(math.radians(1.0))  # to an axis of the file
+GAP = 8.0  # a gap among n points is wider than (log n + 8) / rho by chance in 3e-4
+SQUARE = math.sin(math.radians(1.0))  # to an axis of the file
 
 
 def told_by_caps(points: FloatArray, member: Member, seen: Collection[str], spacing_m: float = 0.0) -> Mapping[str, tuple[float, float]]:
@@ -46,7 +46,7 @@ def told_by_caps(points: FloatArray, member: Member, seen: Collection[str], spac
             continue
         beyond = any(one.name in seen and one.axis != face.axis and _reaches(one, face) > _DEEP * member.sigma_m for one in every)
         normal = np.asarray(member.T_world_member)[:3, face.axis]
-        if not beyond and np.abs(normal).max() > math.sqrt(1 - _SQUARE**2):
+        if not beyond and np.abs(normal).max() > math.sqrt(1 - SQUARE**2):
             continue
         strip = _strip(caps, member, face, every)
         end = None if strip is None else _stop(strip, member.sigma_m, density, may_be_cut=not beyond)
@@ -136,7 +136,7 @@ def _stop(strip: _Strip, sigma_m: float, density: float, *, may_be_cut: bool) ->
     past = float((out > stop.edge_m + _DEEP * sigma_m).sum())
     if len(inside) < _LEAST or stop.rho < _CAP * density * strip.width or past > _EMPTY * stop.rho * room:
         return None
-    if float(np.diff(inside).max()) > (math.log(len(inside)) + _GAP) / stop.rho:
+    if float(np.diff(inside).max()) > (math.log(len(inside)) + GAP) / stop.rho:
         return None
     halves, ends = ([out[of == k] for k in (0, 1)] for of in (strip.half, strip.end))
     enough = [(own <= stop.edge_m).sum() >= _HALF_POINTS for own in halves]

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtrc, gammaincc
 
-from scan2fea.estimation.cap_runs import CHANCE, told_by_caps
+from scan2fea.estimation.cap_runs import CHANCE, GAP, SQUARE, told_by_caps
 from scan2fea.estimation.ends import RunEnd, run_end
 from scan2fea.estimation.straight import Face, straight_faces
 from scan2fea.estimation.swept import sweep_of_member
@@ -35,7 +35,6 @@ from scan2fea.kernel.sections import PARAMETERS, ROUND
 from scan2fea.types import FloatArray, Member, Value
 
 _AGREE = 3.0  # standard deviations
-_SQUARE = math.sin(math.radians(1.0))  # to an axis of the file, beside what the ends leave open
 _BAND_SIGMAS, _BAND_SIZE = 4.0, 1e-3  # about a face: its points, exact ones too (of the section's size)
 _LEAST_SIGMAS = 2.0  # from a face to the middle of its wall
 _MOST_BEYOND = 0.1  # density beyond the end over that before it: more is a face that goes on
@@ -48,7 +47,6 @@ _LAST_ROW = 3**-0.5  # of the step between rows: root mean square of what the la
 _WAVES = 1_000  # wave numbers that are asked at most
 _BY_CHANCE = 1e-3  # of all of them together
 _LEAST_ROWS = 2.0  # of a face
-_ROWS = 8.0  # a gap among n points is wider than (log n + 8) / rho by chance in 3e-4
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -140,7 +138,7 @@ def _told(local: FloatArray, member: Member, before: Face, face: Face, after: Fa
     if abs(ends[0].edge_m - ends[1].edge_m) > doubt or 4 * doubt / (math.pi * apart) > CHANCE:
         return None
     normal = np.asarray(member.T_world_member)[:3, face.axis]
-    if np.abs(normal).max() > math.sqrt(1 - min(_SQUARE + doubt / apart, 0.5) ** 2):
+    if np.abs(normal).max() > math.sqrt(1 - min(SQUARE + doubt / apart, 0.5) ** 2):
         return None
     both, start = np.r_[one.out, two.out], max(one.start, two.start)
     end = run_end(both[both > start], sigma, start)
@@ -222,7 +220,7 @@ def _end(run: _Run, sigma_m: float, step_m: float = 0.0) -> RunEnd | None:
     inside = np.sort(run.out[run.out <= whole.edge_m])
     if whole.beyond > _MOST_BEYOND or len(inside) < _LEAST / 2:
         return None
-    if float(np.diff(inside).max()) > max((math.log(len(inside)) + _ROWS) / whole.rho, 2 * step_m):
+    if float(np.diff(inside).max()) > max((math.log(len(inside)) + GAP) / whole.rho, 2 * step_m):
         return None
     return whole if _is_even(run, whole, sigma_m, step_m) else None
 

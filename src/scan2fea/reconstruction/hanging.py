@@ -39,15 +39,17 @@ class Among(Value):
 
         own_side : least cosine between the normals of a point and the plane.
         """
-        return hanging_together(
-            self.points, self.normals, self.first, self.index, seed, free, plane.normal, plane.offset, off, float(own_side), float(reach)
-        )
+        return self._walked(seed, free, np.zeros(3), plane.normal, plane.offset, 0, off, own_side, reach)
 
     def near_round(self, seed: int, free: BoolArray, cylinder: Surface, off: float, own_side: float) -> IntArray:
         """(k,) rows, ascending, of free points within `off` of a cylinder, of its side, that hang together with the seed."""
-        place, axis, size = cylinder.point, cylinder.axis, float(cylinder.radius)
-        columns = self.points, self.normals, self.first, self.index, seed, free
-        return hanging_on_round(*columns, place, axis, size, cylinder.sense, off, float(own_side))
+        return self._walked(seed, free, cylinder.point, cylinder.axis, float(cylinder.radius), cylinder.sense, off, own_side, np.inf)
+
+    def _walked(
+        self, seed: int, free: BoolArray, place: FloatArray, axis: FloatArray, size: float, sense: int, off: float, own_side: float, reach: float
+    ) -> IntArray:
+        columns = self.points, self.normals, self.first, self.index
+        return hanging_together(*columns, seed, free, place, axis, size, sense, off, float(own_side), float(reach))
 
 
 @jit
@@ -81,54 +83,19 @@ def hanging_together(
     index: IntArray,
     seed: int,
     free: BoolArray,
-    normal: FloatArray,
-    offset: float,
+    place: FloatArray,
+    axis: FloatArray,
+    size: float,
+    sense: int,
     off: float,
     own_side: float,
     reach: float,
 ) -> IntArray:
-    """(k,) rows, ascending, that links join to the seed over points that are free, within `off` of the plane and `reach` of the seed, of its side."""
-    n = len(points)
-    met = np.zeros(n, np.bool_)
-    queue = np.empty(n, np.int64)
-    queue[0], met[seed] = seed, True
-    count, done, kept = 1, 0, 0
-    while done < count:
-        p = queue[done]
-        done += 1
-        height = facing = away2 = 0.0
-        for c in range(3):
-            height += points[p, c] * normal[c]
-            facing += normals[p, c] * normal[c]
-            away2 += (points[p, c] - points[seed, c]) ** 2
-        if not free[p] or abs(height - offset) > off or facing < own_side or away2 > reach * reach:
-            continue
-        queue[kept] = p
-        kept += 1
-        for o in range(first[p], first[p + 1]):
-            if not met[index[o]]:
-                met[index[o]] = True
-                queue[count] = index[o]
-                count += 1
-    return np.sort(queue[:kept])
+    """(k,) rows, ascending, that links join to the seed over points that are free, within `off` of a surface and `reach` of the seed, of its side.
 
-
-@jit
-def hanging_on_round(
-    points: FloatArray,
-    normals: FloatArray,
-    first: IntArray,
-    index: IntArray,
-    seed: int,
-    free: BoolArray,
-    place: FloatArray,
-    axis: FloatArray,
-    radius: float,
-    sense: int,
-    off: float,
-    own_side: float,
-) -> IntArray:
-    """(k,) rows, ascending, that links join to the seed over points that are free, within `off` of the cylinder, of its side (+1 a shaft)."""
+    place, axis, size : of a plane a place, the normal and the offset from there; of a cylinder a place on the axis, the axis and the radius.
+    sense : 0 a plane; +1 a shaft, -1 a hole.   own_side : least cosine between the normals of a point and the surface.
+    """
     n = len(points)
     met = np.zeros(n, np.bool_)
     queue = np.empty(n, np.int64)
@@ -140,11 +107,16 @@ def hanging_on_round(
         if not free[p]:
             continue
         x, y, z = points[p, 0] - place[0], points[p, 1] - place[1], points[p, 2] - place[2]
-        along = x * axis[0] + y * axis[1] + z * axis[2]
-        x, y, z = x - along * axis[0], y - along * axis[1], z - along * axis[2]
-        rho = math.sqrt(x * x + y * y + z * z)
-        facing = sense * (x * normals[p, 0] + y * normals[p, 1] + z * normals[p, 2]) / max(rho, SMALL)
-        if abs(rho - radius) > off or facing < own_side:
+        height = x * axis[0] + y * axis[1] + z * axis[2]
+        facing = normals[p, 0] * axis[0] + normals[p, 1] * axis[1] + normals[p, 2] * axis[2]
+        if sense != 0:
+            x, y, z = x - height * axis[0], y - height * axis[1], z - height * axis[2]
+            height = math.sqrt(x * x + y * y + z * z)
+            facing = sense * (x * normals[p, 0] + y * normals[p, 1] + z * normals[p, 2]) / max(height, SMALL)
+        away2 = 0.0
+        for c in range(3):
+            away2 += (points[p, c] - points[seed, c]) ** 2
+        if abs(height - size) > off or facing < own_side or away2 > reach * reach:
             continue
         queue[kept] = p
         kept += 1

@@ -7,8 +7,8 @@
 4. What is left (ends, stiffeners, bolts) goes to the member it lies on; what sticks out, or lies flat on a member as a second body (`lying_on`), is
    an object of its own.
 
-A cluster falls apart only if it is mostly made of members, and of two or more that are long, or of a girder and a brace: a table, a vessel on legs, a
-tee of two stubs stay whole.
+A cluster falls apart only if it is more than one section led on (`led_on`) and mostly made of members, and of two or more that are long, or of a
+girder and a brace: a table, a vessel on legs, a tee of two stubs stay whole.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from scan2fea.kernel.pipe_path import pipe_path
 from scan2fea.kernel.spanning_tree import tree_parts
 from scan2fea.segmentation.extents import Extent, extent_of
 from scan2fea.segmentation.leaves import apart_from_leaves, leaves_of, share_of_surfaces
+from scan2fea.segmentation.led_on import is_one
 from scan2fea.segmentation.lying_on import lying_on
 from scan2fea.segmentation.pieces import LEAST_PIECE, LINK, NORMAL_NEIGHBOURS, Thin, pieces, thinned
 from scan2fea.segmentation.sweeps import GAP, ONE_FACE, SLICE, across, run_lengths, slice_profile
@@ -76,7 +77,7 @@ def _of_surfaces(points: FloatArray, thin: Thin, min_points: int, seed: int) -> 
         return whole
     group = _joined(thin, piece)
     chosen = _members_of(thin, group)
-    if chosen is None or pipe_path(points, seed) is not None:  # a pipe with elbows
+    if chosen is None or is_one(thin, group) or pipe_path(points, seed) is not None:  # a pipe with elbows
         return whole
     member, extents = chosen
     filled = _filled(thin, _run_through(thin, member, extents), extents)

@@ -84,3 +84,22 @@ def test_ways_are_normals_and_lines_the_nearest_first():
     np.testing.assert_allclose(near_ways(known, np.array([0.02, -1.0, 0.0])), [[0.0, -1.0, 0.0]])
     assert near_ways(known, np.array([0.5, 0.5, 0.5])).shape == (0, 3)
     assert near_ways(np.zeros((0, 3)), np.array([0.0, 0.0, 1.0])).shape == (0, 3)
+
+
+def test_near_ways_are_those_that_plain_greedy_picking_gives():
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        known = np.repeat(np.eye(3), 6, axis=0) + 10.0 ** rng.uniform(-5, -1) * rng.normal(size=(18, 3))
+        known /= np.linalg.norm(known, axis=1)[:, None]
+        first, second = np.triu_indices(18, 1)
+        lines = np.cross(known[first], known[second])
+        long = np.linalg.norm(lines, axis=1) > 0.5
+        every = np.concatenate([known, lines[long] / np.linalg.norm(lines[long], axis=1)[:, None]])
+        every = np.where(every[:, :1] > 0, every, -every)
+        plain = []
+        for way in every[np.argsort(-every[:, 0], kind="stable")]:
+            if way[0] >= np.cos(np.radians(8.0)) and all(way @ other < 1.0 - 1e-6 for other in plain):
+                plain.append(way)
+        found = near_ways(known, np.array([1.0, 0.0, 0.0]))
+        assert len(found) == len(plain) > 0
+        np.testing.assert_allclose(found, plain, atol=1e-12)

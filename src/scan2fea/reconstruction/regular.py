@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from scan2fea.kernel.jit import jit
 from scan2fea.kernel.primitives import Plane
 from scan2fea.kernel.transforms import rotation_about
-from scan2fea.types import FloatArray, IntArray
+from scan2fea.types import BoolArray, FloatArray, IntArray
 
 TURN_DEG, UNLIKELY = 8.0, 13.8  # chi-square with two degrees of freedom exceeds 13.8 once in a thousand
 WAYS_TRIED, ONE_WAY = 4, 1.0 - 1e-6
@@ -29,11 +30,22 @@ def near_ways(known: FloatArray, normal: FloatArray) -> FloatArray:
     unit = np.where((unit @ normal > 0)[:, None], unit, -unit)
     cosine = unit @ normal
     order = np.argsort(-cosine, kind="stable")
-    out: list[FloatArray] = []
-    for row in order[cosine[order] >= np.cos(np.radians(TURN_DEG))]:
-        if all(unit[row] @ other < ONE_WAY for other in out):
-            out.append(unit[row])
-    return np.array(out).reshape(-1, 3)
+    order = order[cosine[order] >= np.cos(np.radians(TURN_DEG))]
+    return np.asarray(unit[order[_first_of_each(unit[order], cosine[order])]]).reshape(-1, 3)
+
+
+@jit
+def _first_of_each(unit: FloatArray, cosine: FloatArray) -> BoolArray:
+    """(k,) the directions (k, 3) that none before them is; cosine : (k,) to the one they are sorted by, falling."""
+    kept = np.zeros(len(unit), np.bool_)
+    apart = 1.01 * np.sqrt(2.0 * (1.0 - ONE_WAY))  # directions that are one differ by no more, and so do their cosines
+    for row in range(len(unit)):
+        kept[row] = True
+        other = row - 1
+        while kept[row] and other >= 0 and cosine[other] - cosine[row] <= apart:
+            kept[row] = not (kept[other] and (unit[row] * unit[other]).sum() >= ONE_WAY)
+            other -= 1
+    return kept
 
 
 def regular(points: FloatArray, planes: list[Plane], label: IntArray, sigma_m: float) -> list[Plane]:

@@ -222,3 +222,13 @@ def test_a_thin_wall_between_two_cylinders_is_one_cell_all_round():
 def test_a_solid_of_cylinders_alone_has_no_flats_that_are_round():
     none = TriangleMesh(vertices=np.zeros((0, 3)), faces=np.zeros((0, 3), np.int64), face_region=np.zeros(0, np.int64))
     assert on_rounds(none, np.zeros((0, 3)), 0.01).shape == (0,)
+
+
+def test_a_search_for_cylinders_ends_where_more_planes_are_found_than_a_solid_may_have(monkeypatch):
+    scan, _, normals = scanned(box((0.1, 0.06, 0.04)), 0.003)
+    points = scan.cloud.points
+    monkeypatch.setattr("scan2fea.reconstruction.round_growing.MOST_PLANES", 3)
+    assert len(grow_rounds(points, normals, 0.003, 0.0)) == 0  # six planes: the limit
+    monkeypatch.setattr("scan2fea.reconstruction.round_growing.MOST_PLANES", 2)
+    with pytest.raises(ReconstructionError, match="fall into 5 planes and more: they are free form"):
+        grow_rounds(points, normals, 0.003, 0.0)

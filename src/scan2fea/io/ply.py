@@ -57,10 +57,13 @@ class _Element:
 
 @dataclass(frozen=True)
 class _Header:
+    """columns : of the range image that the file is, 0 where it states none."""
+
     path: Path
     order: str
     elements: tuple[_Element, ...]
     start: int
+    columns: int
 
     def number_of(self, name: str) -> int | None:
         return next((k for k, element in enumerate(self.elements) if element.name == name), None)
@@ -85,7 +88,7 @@ def open_ply(path: Path, size: int) -> Source:
 
     face = header.number_of("face")
     has_faces = face is not None and header.elements[face].rows > 0 and _face_list(header.elements[face]) is not None
-    return Source(columns=names, pieces=pieces, n_points=vertex.rows, faces=(lambda: body.faces(face or 0)) if has_faces else None)
+    return Source(columns=names, pieces=pieces, n_points=vertex.rows, faces=(lambda: body.faces(face or 0)) if has_faces else None, grid=body.grid)
 
 
 def _face_list(face: _Element) -> int | None:
@@ -97,11 +100,13 @@ def _header(path: Path, data: ByteArray) -> _Header:
     end = head.find(b"end_header")
     line_end = head.find(b"\n", end)
     require(end >= 0 and line_end >= 0, FormatError, f"{path}: no end_header within its first {len(head)} bytes: the header is cut off or damaged")
-    order = None
+    order, wide = None, 0
     elements: list[_Element] = []
     for line in head[:end].decode("latin-1").splitlines()[1:]:
         words = line.split()
         if not words or words[0] in ("comment", "obj_info"):
+            if words[:2] == ["obj_info", "num_cols"] and words[-1].isdigit():
+                wide = int(words[-1])
             continue
         if words[0] == "format" and len(words) >= 2 and words[1] in _ORDERS:
             order = _ORDERS[words[1]]
@@ -115,7 +120,7 @@ def _header(path: Path, data: ByteArray) -> _Header:
             raise FormatError(f"{path}: its header holds {shown(line.encode())}, which is not PLY: export it again")
     if order is None:
         raise FormatError(f"{path}: its header has no line 'format': ascii, binary_little_endian or binary_big_endian is needed")
-    return _Header(path, order, tuple(elements), line_end + 1)
+    return _Header(path, order, tuple(elements), line_end + 1, wide)
 
 
 def _property(words: list[str]) -> _Property | None:
@@ -187,6 +192,26 @@ class _Body:
                 return quick
         values, starts, counts = self._lists(place)
         return triangulated(*self._corners(values, starts[:, k], counts[:, k], face.properties[k].type))
+
+    def grid(self) -> tuple[IntArray, IntArray] | None:
+        """Row and column of every vertex in the element `range_grid`, whose cells hold one vertex or none; None where it is not there or damaged."""
+        place, vertex = self.header.number_of("range_grid"), self.header.number_of("vertex")
+        if place is None or vertex is None or self.header.columns < 1:
+            return None
+        cells, n = self.header.elements[place], self.header.elements[vertex].rows
+        if len(cells.properties) != 1 or not cells.properties[0].count:
+            return None
+        try:
+            values, starts, counts = self._lists(place)
+        except FormatError:
+            return None
+        cell = np.flatnonzero(counts[:, 0] == 1)
+        index = np.asarray(self._corners(values, starts[cell, 0], counts[cell, 0], cells.properties[0].type)[0], float)
+        if not ((index >= 0) & (index < n)).all():
+            return None
+        row, column = np.full((2, n), -1, np.int64)
+        row[index.astype(np.int64)], column[index.astype(np.int64)] = np.divmod(cell, self.header.columns)
+        return row, column
 
     def _binary(self, vertex: _Element, place: int, wanted: frozenset[str]) -> Iterator[Piece]:
         dtype = self._dtype(vertex)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from scan2fea.io.formats import open_source
 from scan2fea.io.gather import Gathered, gather
 from scan2fea.io.lascrs import DEGREES
 from scan2fea.io.source import Piece, Source
+from scan2fea.kernel.push_broom import seen_from
 from scan2fea.options import option
 from scan2fea.types import ByteArray, FloatArray, IntArray, PointCloud, Scan, TriangleMesh, Value
 from scan2fea.units import BYTES_PER_GIB, METRES_PER_UNIT, metres_per
@@ -124,8 +125,17 @@ def read_scan(path: Path, options: InputOptions = InputOptions()) -> RawScan:
         voxel_edge_m=gathered.voxel_edge_m,
         columns=source.columns,
         sweep=_sweep(gathered),
-        notes=source.notes + gathered.notes + note + _surplus(entry.name, source, gathered),
+        notes=source.notes + gathered.notes + note + _surplus(entry.name, source, gathered) + _sight_note(source, scan, options),
     )
+
+
+def _sight_note(source: Source, scan: Scan, options: InputOptions) -> tuple[str, ...]:
+    """Places that nobody stated are told."""
+    is_stated = options.sensor_position is not None or columns.find(source.columns, "sensor_x") is not None
+    if is_stated or scan.rays is None or source.grid() is None:
+        return ()
+    away = float(np.nanmedian(scan.rays.range_m))
+    return (f"the file is a range image whose rows meet {away:.3g} m before the points: they were taken as seen from there",)
 
 
 def _sweep(gathered: Gathered) -> IntArray | None:
@@ -148,15 +158,32 @@ def _wanted(source: Source, labels: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _with_sensor(source: Source, wanted: tuple[str, ...], options: InputOptions) -> Iterator[Piece]:
-    """The pieces with a sensor position where columns or the options give one and the format does not."""
+    """The pieces with a sensor position where columns or the options give one and the format does not, else where a range image tells it."""
     names = columns.find_all(source.columns, "sensor_x", "sensor_y", "sensor_z")
-    for piece in source.pieces(frozenset(wanted)):
+    pieces = source.pieces(frozenset(wanted))
+    if names is None and options.sensor_position is None:
+        pieces = _with_sight(source, pieces)
+    for piece in pieces:
         sensor = piece.sensor
         if sensor is None and names is not None:
             sensor = np.stack([np.asarray(piece.columns[name], float) for name in names], axis=1)
         elif sensor is None and options.sensor_position is not None:
             sensor = np.asarray(options.sensor_position, float)
         yield Piece(points=piece.points, columns=piece.columns, sensor=sensor, is_miss=piece.is_miss, direction=piece.direction)
+
+
+def _with_sight(source: Source, pieces: Iterator[Piece]) -> Iterator[Piece]:
+    """The pieces with the places that a range image was seen from, where its grid tells them."""
+    grid = source.grid()
+    if grid is None:
+        return pieces
+    held = list(pieces)
+    points = np.concatenate([piece.points for piece in held])
+    if len(points) != len(grid[0]) or any(piece.sensor is not None for piece in held):
+        return iter(held)
+    sensor = seen_from(points, *grid)
+    first = np.cumsum([0, *(len(piece.points) for piece in held)])
+    return iter(held) if sensor is None else (replace(p, sensor=sensor[a : a + len(p.points)]) for a, p in zip(first, held, strict=False))
 
 
 def _mesh(path: Path, source: Source, gathered: Gathered, limit: int) -> TriangleMesh | None:

@@ -38,12 +38,14 @@ class Source(Value):
     columns : names in the order of the file, coordinates among them.   n_points : rows the header promises, None where only reading tells.
     pieces : the wanted columns (names) -> the rows in order.   faces : reads the triangles, None for a file without faces.
     unit : the unit the file states, "" where it states none.   pose_given : a pose in the file was applied to the points.
+    grid : reads row and column (n,) of every point in the range image that the file is (-1 none), None where there is no such image or it is damaged.
     """
 
     columns: tuple[str, ...]
     pieces: Callable[[frozenset[str]], Iterator[Piece]]
     n_points: int | None = None
     faces: Callable[[], IntArray] | None = None
+    grid: Callable[[], tuple[IntArray, IntArray] | None] = lambda: None
     unit: str = ""
     pose_given: bool = False
     notes: tuple[str, ...] = ()

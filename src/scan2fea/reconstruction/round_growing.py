@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scan2fea.errors import ReconstructionError, require
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.primitives import Plane
@@ -20,6 +21,7 @@ from scan2fea.reconstruction.hanging import Among
 from scan2fea.reconstruction.plane_growing import (
     FAILURES,
     LEAST_POINTS,
+    MOST_PLANES,
     NEIGHBORS,
     OWN_SIDE,
     SEED,
@@ -42,6 +44,7 @@ SQUARE = float(np.sin(np.radians(20.0)))  # of normals against a direction that 
 RADIUS_KNOWN = 0.05  # std of a radius, of it: a cylinder known worse is none
 LEAST_TURN = float(np.radians(60.0))  # that the normals of a cylinder's points turn through
 SECTORS = 24
+SHARED = 2  # times the planes of a solid that may be found on the way: strips of them lie on cylinders that come later
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -65,7 +68,10 @@ def off_round_m(spacing_m: float, sigma_m: float) -> float:
 
 
 def grow_rounds(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_m: float) -> Rounds:
-    """The cylinders of (n, 3) raw points with outward normals; none where planes explain as much."""
+    """The cylinders of (n, 3) raw points with outward normals; none where planes explain as much.
+
+    Raises ReconstructionError where so many planes are found on the way that they can be no solid of flat and round faces.
+    """
     _, near = k_nearest(points, NEIGHBORS)
     alike = np.einsum("ni,nki->nk", normals, normals[near[:, 1:]])
     flatness = np.where(alike > 0, alike, 0.0).sum(axis=1) / np.maximum((alike > 0).sum(axis=1), 1)
@@ -88,6 +94,7 @@ def grow_rounds(points: FloatArray, normals: FloatArray, spacing_m: float, sigma
         elif plane is not None and flat.sum() >= LEAST_POINTS and flat[seed]:
             free &= ~flat
             ways = np.vstack([ways, plane.normal])
+            require(len(ways) <= SHARED * MOST_PLANES, ReconstructionError, f"the points fall into {len(ways)} planes and more: they are free form")
             failures = 0
         else:
             free[seed] = False

@@ -63,6 +63,27 @@ def test_nothing_is_told_without_end_faces_or_of_few_points_or_in_wide_noise() -
         assert told_by_caps(points, member, seen) == {}
 
 
+@pytest.mark.parametrize("n_strays", [900, 1300, 2000])
+def test_strays_where_the_ends_are_hardly_known_tell_nothing(n_strays) -> None:
+    """Half the length counts as an end then, and evenly strewn points reach up to wherever one stops to look: 12 of these 30 told a wall."""
+    for seed in range(10):
+        member, points, seen = scanned("C", 5e-5, n=6_000, caps=False, seed=seed)
+        member = replace(member, parameters=(*member.parameters[:-1], replace(member.parameters[-1], std_m=0.05)))
+        local = points @ ASKEW
+        strays = np.random.default_rng(seed).uniform(local.min(axis=0) - 0.05, local.max(axis=0) + 0.05, (n_strays, 3))
+        assert told_by_caps(np.concatenate([points, strays @ ASKEW.T]), member, seen) == {}
+
+
+def test_what_lies_beside_an_end_is_no_end_face() -> None:
+    """The same points at the ends as an end face has, and half as many just beside them: a second body in the wall's place."""
+    member, points, seen = scanned("C", 4e-4)
+    assert set(told_by_caps(points, member, seen)) == {"WEB_INNER"}
+    local = points @ ASKEW
+    cap = local[(np.abs(local[:, 2]) < 1e-3) & (local[:, 0] > 0.002)]
+    beside = cap[: len(cap) // 2] * np.array([1.0, 1.0, 0.0]) + np.array([0.0, 0.0, 0.0024])
+    assert told_by_caps(np.concatenate([points, beside @ ASKEW.T]), member, seen) == {}
+
+
 def test_an_end_face_that_goes_on_is_none_of_the_wall_alone() -> None:
     """A channel filled with concrete: its end face is full."""
     member, points, seen = scanned("C", 4e-4)

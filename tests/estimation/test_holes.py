@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+from scan2fea.estimation.holes import occupied
 from scan2fea.estimation.member import fit_member
+from scan2fea.estimation.outline import outline_distance
 from scan2fea.kernel.distances import sample_surface
 from scan2fea.kernel.measures import area
+from scan2fea.kernel.sections import section
 from scan2fea.kernel.transforms import random_rotation
 from scan2fea.simulation import shapes
 from scan2fea.types import PointCloud, Scan
@@ -72,3 +75,22 @@ def test_a_hole_stays_one_beside_what_does_not_lie_on_it(cover):
 def test_of_two_bodies_one_is_enough_and_both_halves_are_not():
     assert fitted(sheet(X, (1.0, 1.3), 0.012), sheet(X, Z, 0.012)).explains
     assert not fitted(sheet(X, (Z[0], 0.6), 0.012), sheet((X[0], 0.07), Z, 0.012)).explains
+
+
+@pytest.mark.parametrize(("ring", "n_holes"), [(0.0, 0), (0.003, 0), (0.02, 1)])
+def test_what_noise_brings_over_from_the_faces_beside_encloses_no_hole(ring, n_holes):
+    """The wide face of a flat that nobody saw; only a ring of its own, wider than four of the noise, shows a hole."""
+    rng, width, length = np.random.default_rng(0), 0.19, 1.24
+    shape = section("rect", {"b": width, "t": 0.06})
+    k = [name for loop in shape.face_names for name in loop].index("TOP")
+    y = shape.loops[0][k, 1]
+    sides = np.c_[np.repeat([-width / 2, width / 2], 4000), y + np.sign(y) * rng.uniform(-0.05, 0.003, 8000), rng.uniform(0, length, 8000)]
+    sides[:, 0] += SIGMA * rng.standard_normal(8000)
+    far = np.c_[rng.uniform(-width / 2, width / 2, 9000), np.full(9000, -y), rng.uniform(0, length, 9000)]
+    cap = np.c_[rng.uniform(-width / 2, width / 2, 300), np.full(300, y), rng.choice([5e-4, length - 5e-4], 300)]
+    own = np.c_[rng.uniform(-width / 2, width / 2, 20_000), np.full(20_000, y), rng.uniform(0, length, 20_000)]
+    off_edge = np.minimum(width / 2 - np.abs(own[:, 0]), np.minimum(own[:, 2], length - own[:, 2]))
+    points = np.concatenate([sides, far, cap, own[off_edge < ring]])
+    _, edge, along = outline_distance(shape, points[:, :2])
+    _, holes = occupied(shape, edge, along, points[:, 2], length, SIGMA)
+    assert [hole.face for hole in holes] == ["TOP"] * n_holes

@@ -2,7 +2,8 @@
 
 Behind a hidden face, off its corners, an end face holds points evenly from the opposite face on; where they stop is the place of the hidden one,
 known as any edge is (`ends.run_end`). Both halves of that strip must stop there alike, the strip must be as full as an end face that was scanned,
-and empty beyond. A plane that nothing of the member reaches beyond might be a cut: such a face is told only where it lies askew to the file's axes,
+and empty beyond and just beside the end: where ends are hardly known, strays fill a strip up to wherever one stops to look.
+A plane that nothing of the member reaches beyond might be a cut: such a face is told only where it lies askew to the file's axes,
 and where both halves stop so sharply that few cuts along the member would look the same (3 % of all angles).
 What stays open: something flat along the wall that hides a part of its end face.
 """
@@ -23,8 +24,9 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, Member, Value
 _DEEP = 4.0  # sigma on either side of a plane: one point in 30,000 lies beyond
 _ROOT = 0.15  # of a strip, at either of its sides: roots and toes are round
 _WINDOW = 4.0  # of the way to the opposite face: how far beyond it a hidden face is looked for
-_LEAST, _HALF_POINTS = 20, 8  # points of a strip, and of its halves
-_CAP, _EMPTY = 1 / 3, 0.1  # density of an end face that was scanned against the sides', and of what lies beyond against the strip's
+_LEAST, _HALF_POINTS = 20, 8  # points of a strip, and of its halves; what is bare beyond it would hold as many
+_CAP, _EMPTY = 1 / 3, 0.1  # density of an end face that was scanned against the sides', and of what lies beyond or beside against the strip's
+_STRAYS = 2  # points beside an end that are no evidence
 _BARE = 2.0  # over rho: what lies bare beyond the last point is exponential, and goes beyond four times that once in 1,000
 _AGREE = 3.0  # standard deviations
 CHANCE = 0.03  # of all angles of a cut, at which what bounds a hidden face would end as square as it does
@@ -62,11 +64,15 @@ def _reaches(one: Face, face: Face) -> float:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Caps(Value):
-    """Points of the end faces that were scanned: xy (n, 2), end (n,) which of them, and how many ends there are."""
+    """Points of the end faces that were scanned: xy (n, 2), end (n,) which of them, and how many ends there are.
+
+    beside : (m, 2) those of half as much of the member, just beside them.
+    """
 
     xy: FloatArray
     end: IntArray
     n_ends: int
+    beside: FloatArray
 
 
 def _caps(local: FloatArray, member: Member) -> tuple[_Caps, float]:
@@ -77,19 +83,21 @@ def _caps(local: FloatArray, member: Member) -> tuple[_Caps, float]:
     away = np.stack([(local - np.array([0.0, 0.0, z])) @ normal for z, normal in zip((0.0, length), member.end_normals, strict=True)])
     near, end = np.abs(away).min(axis=0) < reach, np.argmin(np.abs(away), axis=0)
     around = sum((face.high - face.low) * member.seen.get(face.name, 0.0) for loop in straight_faces(member) for face in loop)
-    within = away.max(axis=0) < -reach
-    density = float(within.sum()) / max(around * (length - 2 * reach), 1e-300)
-    return _Caps(xy=local[near, :2], end=end[near], n_ends=len(np.unique(end[near]))), density
+    inward = -away.max(axis=0)
+    density = float((inward > reach).sum()) / max(around * (length - 2 * reach), 1e-300)
+    beside = local[(inward > reach) & (inward < 2 * reach), :2]
+    return _Caps(xy=local[near, :2], end=end[near], n_ends=len(np.unique(end[near])), beside=beside), density
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Strip(Value):
     """Points of the end faces behind a hidden face: out (n,) m outward of where the member has it, from `start` to `stop`.
 
-    end, half : (n,) of which end and half of the strip.   width : m, of all ends (`n_ends`) together.
+    end, half : (n,) of which end and half of the strip.   width : m, of all ends (`n_ends`) together.   beside : (m,) as `out`, just beside the ends.
     """
 
     out: FloatArray
+    beside: FloatArray
     end: IntArray
     half: BoolArray
     start: float
@@ -111,11 +119,18 @@ def _strip(caps: _Caps, member: Member, face: Face, every: list[Face]) -> _Strip
     start = _DEEP * sigma - wall
     if high - low <= 2 * root or start >= -_DEEP * sigma:
         return None
-    along, out = caps.xy[:, 1 - face.axis], face.outward * (caps.xy[:, face.axis] - face.place)
     stop = start + _WINDOW * wall
-    own = (along > low + root) & (along < high - root) & (out > start) & (out < stop)
+
+    def within(xy: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
+        along, out = xy[:, 1 - face.axis], face.outward * (xy[:, face.axis] - face.place)
+        return along, out, (along > low + root) & (along < high - root) & (out > start) & (out < stop)
+
+    along, out, own = within(caps.xy)
+    _, beside, near = within(caps.beside)
     half, width = along[own] > 0.5 * (low + high), caps.n_ends * (high - low - 2 * root)
-    return _Strip(out=out[own], end=caps.end[own], half=half, start=start, stop=stop, width=width, n_ends=caps.n_ends)
+    return _Strip(
+        out=out[own], beside=beside[near], end=caps.end[own], half=half, start=start, stop=stop, width=width, n_ends=caps.n_ends
+    )  # fmt: skip
 
 
 def _depth(one: Face, face: Face) -> float:
@@ -135,6 +150,9 @@ def _stop(strip: _Strip, sigma_m: float, density: float, *, may_be_cut: bool) ->
     inside, room = np.sort(out[out <= stop.edge_m]), strip.stop - stop.edge_m - _DEEP * sigma_m
     past = float((out > stop.edge_m + _DEEP * sigma_m).sum())
     if len(inside) < _LEAST or stop.rho < _CAP * density * strip.width or past > _EMPTY * stop.rho * room:
+        return None
+    strays = 2 * int((strip.beside <= stop.edge_m).sum())
+    if stop.rho * room < _LEAST or strays > max(2 * _STRAYS, _EMPTY * len(inside)):
         return None
     if float(np.diff(inside).max()) > (math.log(len(inside)) + GAP) / stop.rho:
         return None

@@ -116,7 +116,7 @@ def explanation(
     clutter = _Clutter.of(shape, local[among, :2], int((stray & among).sum()), reach, seed)
     again = None if by_rays is None else by_rays.again
     cells = _cells(surface, side, shape, values["length"], sigma_m, size, clutter, seed, 1.0 if along_rays else 0.5, again)
-    seen, holes = occupied(shape, surface.edge[side], surface.along[side], surface.z[side], values["length"])
+    seen, holes = occupied(shape, surface.edge[side], surface.along[side], surface.z[side], values["length"], sigma_m)
     bare = len(uncovered(holes, member, covers, sigma_m))
     voids = bare if by_rays is None or by_rays.voids is None else by_rays.voids
     near = some[~stray]

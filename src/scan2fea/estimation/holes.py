@@ -39,16 +39,21 @@ class Hole(Value):
     cell_m: float
 
 
-def occupied(shape: Section, edge: IntArray, along: FloatArray, z: FloatArray, length: float) -> tuple[Mapping[str, float], tuple[Hole, ...]]:
+def occupied(
+    shape: Section, edge: IntArray, along: FloatArray, z: FloatArray, length: float, sigma_m: float
+) -> tuple[Mapping[str, float], tuple[Hole, ...]]:
     """Per face the share of its cells that hold points, and the holes.
 
     edge, along : (n,) the nearest edge of the section to each point on the sides, and the place along it.   z : (n,) along the member, m.
+    sigma_m : noise. What lies within four of it from a corner may be of the face beyond, and encloses nothing: a hidden face is no hole.
     """
+    alone = {loop[0] for loop in shape.face_names if len(set(loop)) == 1}  # round: it has no corner
     outline = sum(float(np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1).sum()) for loop in shape.loops)
     seen: dict[str, float] = {}
     holes: list[Hole] = []
     for name, rows, s, width in on_faces(shape, edge, along):
-        seen[name], found = _face(name, s, z[rows], width, length, len(edge) * width / outline)
+        margin = (0.0 if name in alone else _SIGMAS * sigma_m, _SIGMAS * sigma_m)
+        seen[name], found = _face(name, s, z[rows], width, length, len(edge) * width / outline, margin)
         holes += found
     return seen, tuple(holes)
 
@@ -64,7 +69,9 @@ def on_faces(shape: Section, edge: IntArray, along: FloatArray) -> Iterator[tupl
         yield name, rows, before[edge[rows]] + along[rows] - before[own[0]], float(lengths[own].sum())
 
 
-def _face(name: str, s: FloatArray, z: FloatArray, width: float, length: float, expected: float) -> tuple[float, list[Hole]]:
+def _face(
+    name: str, s: FloatArray, z: FloatArray, width: float, length: float, expected: float, margin: tuple[float, float]
+) -> tuple[float, list[Hole]]:
     if len(s) < 4:
         return 0.0, []
     count = max(min(expected, max(len(s), 0.1 * expected)) / 6, 1.0)  # six points a cell on average: an empty one is a chance of 1 in 400
@@ -76,6 +83,8 @@ def _face(name: str, s: FloatArray, z: FloatArray, width: float, length: float, 
     share = float((counts > 0).mean())
     if min(n_s, n_z) < VOID_CELLS:
         return share, []
+    own = (s > margin[0]) & (s < width - margin[0]) & (z > margin[1]) & (z < length - margin[1])
+    counts = np.bincount(i[own] * n_z + j[own], minlength=n_s * n_z).reshape(n_s, n_z)
     label, n_regions = ndimage.label(counts == 0)
     rim = np.unique(np.r_[label[0], label[-1], label[:, 0], label[:, -1]])
     holes = []

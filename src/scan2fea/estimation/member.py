@@ -226,12 +226,12 @@ def _swept(
     told_free = freed(points, axis, options, fit) if section_fixed else fit
     fit = seen_from_outside(fit) if options.whole else fit
     sweep, sag, sag_std = significant(sweep_of(axis, fit), fit)
-    coordinates = sweep.coordinates(points)
     if open_ends:
         fit = tube_of(fit)
         if fit.family == "RHS":
             sweep = dataclasses.replace(sweep, roll=np.r_[sweep.roll[0] + math.pi / 2, sweep.roll[1:]])
             sag, sag_std = np.array([sag[1], -sag[0]]), sag_std[::-1].copy()
+    coordinates = sweep.coordinates(points)
     used_m = sweep.span[1] - sweep.span[0]  # of the length: without the ends, which the noise blurs
     rough = rough_ends(coordinates[near_section(coordinates, fit), 2])
     sweep = sweep.rebased(*rough)

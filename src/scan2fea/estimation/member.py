@@ -33,6 +33,7 @@ from scan2fea.estimation.beside import beside
 from scan2fea.estimation.caps import HOLLOW, SOLID, ends_show, inside_of
 from scan2fea.estimation.changing import changing, is_better
 from scan2fea.estimation.continued import continued
+from scan2fea.estimation.cut_toes import cut_toes
 from scan2fea.estimation.end_faces import cut_askew
 from scan2fea.estimation.ends import Ends, rough_ends
 from scan2fea.estimation.ends_show_more import ends_show_more
@@ -301,7 +302,8 @@ def _between_ends(
     sweep = sweep.rebased(low, high)
     member = member_of(sweep, fit, ends, fixed)
     told = explanation(points, member, fit.sigma_m, options.seed, covers=covers)
-    member = dataclasses.replace(member, seen=seen_faces(fit, told), reached=reached)
+    cut = cut_toes(points, member) if told.explains and not options.whole else frozenset()
+    member = dataclasses.replace(member, seen={**seen_faces(fit, told), **dict.fromkeys(cut, 0.0)}, reached=reached)
     off_m = face_error(told.pattern_m, told.p_value, fit.sigma_m)
     area = (high - low) * float(face_lengths(fit.family, fit.values) @ np.array([member.seen[name] >= SEEN for name in faces(fit.family)]))
     pitch = max(thinned_spacing(points, options.seed), even_spacing(sweep.coordinates(points)[:, 2], (0.0, high - low), fit.sigma_m, area))

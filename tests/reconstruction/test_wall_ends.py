@@ -1,4 +1,5 @@
 import dataclasses
+import importlib
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +12,7 @@ from scan2fea.reconstruction import advancing_front, visibility
 from scan2fea.reconstruction.budget import WALL_ENDS
 from scan2fea.reconstruction.evidence import Ends, Evidence
 from scan2fea.reconstruction.gates import failed
-from scan2fea.reconstruction.wall_ends import LIMIT, ON, _spacing, passed, stretches, unseen_ends, wall_ends
+from scan2fea.reconstruction.wall_ends import LIMIT, ON, _across_m, _spacing, _span, passed, stretches, unseen_ends, wall_ends
 from scan2fea.simulation.shapes import chs
 from scan2fea.types import PointCloud, Scan
 from scanned import DENSITY
@@ -174,3 +175,37 @@ def test_points_at_the_border_of_a_gap_count_as_dense_as_their_neighbours_where_
     assert np.isinf(np.delete(known, rows)).all() and np.isinf(np.delete(blind, rows)).all()
     assert known[inner].mean() == pytest.approx(dense, rel=0.08)
     assert blind[border].mean() > 1.4 * dense and known[border].mean() < 1.35 * dense
+
+
+@pytest.mark.parametrize("turn", [np.eye(3), rotation(5)])
+def test_how_far_a_face_leads_across_its_wall(turn):
+    corners = np.array([[[0, 0, 0], [3, 1, T], [0, 5, T]], [[0, 0, 0], [1, 0, 0], [0, 1, 0]]], float) @ turn.T
+    normal = np.tile([0.0, 0.0, 1.0], (2, 3, 1)) @ turn.T
+    assert _span(corners, normal) == pytest.approx([T, 0.0], abs=1e-12)
+
+
+def test_skins_nearer_than_a_spacing_are_no_wall():
+    nan, areas = np.nan, np.array([1.0, 1.0, 3.0])
+    thick = lambda *known: np.column_stack([np.tile(known, (3, 1)), [0.1, 0.2, 5.0]])  # noqa: E731
+    assert _across_m(thick(2.0, 2.0, nan), areas, 1.0) == 2.0
+    assert _across_m(thick(1.0, 1.0, 1.0), areas, 1.0) == 1.0  # on the threshold: a wall
+    assert _across_m(thick(0.99, 0.99, nan), areas, 1.0) == 5.0  # three fifths of the area lead so far across
+    assert _across_m(thick(nan, nan, nan), areas, 1.0) == 5.0
+    assert _across_m(thick(nan, nan, nan), areas[[2, 1, 0]], 1.0) == 1.0  # most of it leads nowhere: at least a spacing
+
+
+def test_points_put_opposite_prove_no_end_of_a_wall(monkeypatch):
+    room = importlib.import_module("scan2fea.reconstruction.visibility")
+    asked = {}
+
+    def again(cloud, options, sensors, spacing_m, ends):
+        asked[len(cloud)] = ends
+
+    ends = (Ends(shares=np.array([0.3]), places=np.zeros((1, 3)), of=np.array([0])),)
+    first = SimpleNamespace(checks=(SimpleNamespace(passed=False),), ends=ends)
+    cloud = PointCloud.of(np.random.default_rng(0).random((30, 3)))
+    more = lambda k: lambda cloud, evidence: PointCloud.of(np.concatenate([cloud.points, cloud.points[:k]]))  # noqa: E731
+    monkeypatch.setattr(room, "_seen", again)
+    monkeypatch.setattr(room, "UNSEEN_PLACES", dict(zip(room.UNSEEN_PLACES, (more(1), more(2)), strict=True)))
+    assert room._with_unseen(cloud, room.VisibilityOptions(), cloud.points, 0.1, first, None) is first
+    assert asked == {31: (), 32: ends}  # rims round an axis are put where sight lines prove them

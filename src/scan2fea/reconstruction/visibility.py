@@ -33,7 +33,8 @@ from scan2fea.types import Check, FloatArray, PointCloud, Scan, TriangleMesh, Va
 
 LEAST_POINTS = 20
 KNOWN_SHARE = 0.5  # of the measured points must have a sensor for the sensors to lead
-UNSEEN_PLACES = {"round an axis": with_turned, "to the other face of walls": with_opposite}
+ROUND_AN_AXIS = "round an axis"
+UNSEEN_PLACES = {ROUND_AN_AXIS: with_turned, "to the other face of walls": with_opposite}
 DARK_HOLES = "holes that nobody saw"
 SAME_VOLUME = 0.01  # two answers that agree so well are one: what the sensors say against it stands
 
@@ -121,8 +122,13 @@ def told_images(scan: Scan, options: VisibilityOptions) -> Images | None:
     return images_of(scan.cloud.points, scan.cloud.raw_index)
 
 
-def _seen(cloud: PointCloud, options: VisibilityOptions, sensors: FloatArray, spacing_m: float) -> tuple[Reconstruction, Evidence] | None:
-    """The surface by the sensors, and what it was judged on; None where they do not stand the test."""
+def _seen(
+    cloud: PointCloud, options: VisibilityOptions, sensors: FloatArray, spacing_m: float, ends: tuple[Ends, ...] = ()
+) -> tuple[Reconstruction, Evidence] | None:
+    """The surface by the sensors, and what it was judged on; None where they do not stand the test.
+
+    ends : of walls, on which nothing was measured, that a surface before it had.
+    """
     normals, sigma = first_normals(cloud.points, outer_side(cloud.points, sensors, cloud.normals), spacing_m)
     blocked = blocked_share(cloud.points, normals, sensors, spacing_m, sigma, options.seed)
     if blocked > REJECTED:
@@ -139,6 +145,7 @@ def _seen(cloud: PointCloud, options: VisibilityOptions, sensors: FloatArray, sp
         sigma_m=sigma,
         is_inferred=cloud.is_inferred,
         sensors=sensors,
+        ends_before=ends,
     )
     checks = (*gates_seen(evidence, carved.labels.held), *dark_holes(carved.resolved.n_dark))
     found = _result(carved, spacing_m, sigma, "sensors", "known", checks, {"rays_blocked": blocked})
@@ -155,8 +162,9 @@ def _with_unseen(
         if more is None:
             continue
         k = len(more) - n
+        ends = () if name == ROUND_AN_AXIS else first.ends  # a rim is put where sight lines prove it; a face opposite tells no end of its wall
         try:
-            found = _seen(more, options, np.concatenate([sensors, np.full((k, 3), np.nan)]), spacing_m)
+            found = _seen(more, options, np.concatenate([sensors, np.full((k, 3), np.nan)]), spacing_m, ends)
         except ReconstructionError:  # the first surface is one, and says what is against it
             continue
         if found is not None and len(failed(found[0].checks)) < len(failed(best.checks)):

@@ -129,7 +129,7 @@ def stretches(evidence: Evidence) -> tuple[list[Stretch], list[Stretch]]:
     far = _far_side(normal[across])
     bare = across[~_has_points(evidence, across, far, skin)]
     due = (1.0 - 2.0 * skin) * DENSITY * face_areas(mesh) / np.median(_spacing(evidence, points)[corner], axis=1) ** 2
-    thick = evidence.thickness_m[corner]
+    thick = np.column_stack([evidence.thickness_m[corner], _span(mesh.vertices[mesh.faces], normal)])
     slack = np.full(len(mesh.faces), math.inf)
     every = _gathered(evidence, bare, due, thick, slack)
     if not every:
@@ -159,13 +159,21 @@ def _spacing(evidence: Evidence, rows: IntArray) -> FloatArray:
     return out
 
 
+def _span(corners: FloatArray, normal: FloatArray) -> FloatArray:
+    """(m,) how far the corners (m, 3, 3) of each face lie apart along the normal of the first one's sheet: across a wall its thickness."""
+    return np.asarray(np.ptp(np.einsum("fkc,fc->fk", corners, normal[:, 0]), axis=1))
+
+
 def _skin(evidence: Evidence, wall: float) -> float:
     """Share of the wall below either face in which a point does not lie between them."""
     return min(MOST_BETWEEN, BETWEEN + evidence.sigma_m / wall)
 
 
 def _gathered(evidence: Evidence, bare: IntArray, due: FloatArray, thick: FloatArray, slack: FloatArray) -> list[Stretch]:
-    """Bare faces in stretches of which one piece was due EXPECTED points. due, slack : (m,) of all faces.   thick : (m, 3) wall at corners."""
+    """Bare faces in stretches of which one piece was due EXPECTED points. due, slack : (m,) of all faces.
+
+    thick : (m, 4) wall at corners, nan where not known, and how far a face leads across.
+    """
     mesh = evidence.mesh
     pieces = [piece for piece in joined(mesh.faces, bare) if due[piece].sum() >= NEIGHBOURING]
     if not pieces:
@@ -178,11 +186,26 @@ def _gathered(evidence: Evidence, bare: IntArray, due: FloatArray, thick: FloatA
         if max(due[piece].sum() for piece in own) < EXPECTED:
             continue
         faces = np.concatenate(own)
-        known = thick[faces][np.isfinite(thick[faces])]
-        across_m = max(float(np.median(known)) if len(known) else 0.0, evidence.spacing_m)
-        length = float(face_areas(mesh)[faces].sum()) / across_m
+        areas = face_areas(mesh)[faces]
+        across_m = _across_m(thick[faces], areas, evidence.spacing_m)
+        length = float(areas.sum()) / across_m
         out.append(Stretch(faces=faces, wall_m=across_m, length_m=length, due=float(due[faces].sum()), slack_m=slack[faces]))
     return out
+
+
+def _across_m(thick: FloatArray, areas: FloatArray, spacing_m: float) -> float:
+    """Thickness of the wall that faces lead across, at least a spacing, m.   thick : (k, 4) as in `_gathered`.
+
+    Skins nearer to each other than a spacing are a fold of the surface at the border of a gap and no wall: there half of the area tells it, by how
+    far it leads across.
+    """
+    known = thick[:, :3][np.isfinite(thick[:, :3])]
+    wall = float(np.median(known)) if len(known) else 0.0
+    if wall < spacing_m:
+        order = np.argsort(thick[:, 3], kind="stable")
+        total = np.cumsum(areas[order])
+        wall = float(thick[order[np.searchsorted(total, 0.5 * total[-1])], 3])
+    return max(wall, spacing_m)
 
 
 def _sheet_normals(evidence: Evidence, rows: IntArray, off_m: float) -> FloatArray:

@@ -4,10 +4,15 @@ from scan2fea.cad.assembly import assembly
 from scan2fea.cad.boxed import BOX_OFF, box_off_m
 from scan2fea.cad.brep import CadOptions, to_brep
 from scan2fea.cad.compared import LEAST_LOST
+from scan2fea.cad.drawn_solid import drawn_solid
 from scan2fea.cad.freeform import patched_solid
 from scan2fea.cad.prism import prism_brep
+from scan2fea.cad.sheets import FACET
 from scan2fea.cad.solid import true_solid
 from scan2fea.cad.surfaces import Snap
 from scan2fea.cad.trued import Trued
 
-__all__ = ["BOX_OFF", "LEAST_LOST", "CadOptions", "Snap", "Trued", "assembly", "box_off_m", "patched_solid", "prism_brep", "to_brep", "true_solid"]
+__all__ = [
+    "BOX_OFF", "FACET", "LEAST_LOST", "CadOptions", "Snap", "Trued", "assembly", "box_off_m", "drawn_solid", "patched_solid", "prism_brep", "to_brep",
+    "true_solid",
+]  # fmt: skip

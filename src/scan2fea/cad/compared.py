@@ -122,10 +122,10 @@ def points_lost(shown: TriangleMesh, mesh: TriangleMesh, points: FloatArray, sca
     return largest if largest >= least else 0
 
 
-def triangles_of(solid: Any, middle: FloatArray, tolerance_m: float) -> tuple[TriangleMesh, IntArray]:
-    """The solid's triangles in metres where they are, and the face of each."""
+def triangles_of(solid: Any, middle: FloatArray, tolerance_m: float, within_m: float = 0.0) -> tuple[TriangleMesh, IntArray]:
+    """The solid's triangles in metres where they are, and the face of each. within_m : points so near to each other are one."""
     tessellated(solid, max(CHORD * tolerance_m * MILLIMETRES_PER_METRE, 1e-3))
-    mesh, face = joined_triangles(faces_of(solid))
+    mesh, face = joined_triangles(faces_of(solid), within_m * MILLIMETRES_PER_METRE)
     return TriangleMesh(vertices=mesh.vertices / MILLIMETRES_PER_METRE + middle, faces=mesh.faces, face_region=face), face
 
 

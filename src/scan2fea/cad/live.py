@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from scan2fea.kernel.neighbors import radius_components
 from scan2fea.kernel.surfaces import CONE, CYLINDER, PLANE, SPHERE, TORUS, Surface
 from scan2fea.types import FloatArray, IntArray, TriangleMesh
 
@@ -96,8 +97,11 @@ def face_triangles(face: Any) -> tuple[FloatArray, IntArray]:
     return points, np.ascontiguousarray(triangles)
 
 
-def joined_triangles(faces: Sequence[Any]) -> tuple[TriangleMesh, IntArray]:
-    """The triangles of several faces, equal points merged, in millimetres; and the face each came from."""
+def joined_triangles(faces: Sequence[Any], within: float = 0.0) -> tuple[TriangleMesh, IntArray]:
+    """The triangles of several faces, equal points merged, in millimetres; and the face each came from.
+
+    within : points of different faces nearer than this are one too: each face has its own place for an edge that it follows to its tolerance.
+    """
     points, triangles, owner, n = [], [], [], 0
     for number, face in enumerate(faces):
         p, t = face_triangles(face)
@@ -107,6 +111,10 @@ def joined_triangles(faces: Sequence[Any]) -> tuple[TriangleMesh, IntArray]:
         n += len(p)
     every = np.concatenate(points) if points else np.zeros((0, 3))
     _, first, index = np.unique(np.round(every, 6), axis=0, return_index=True, return_inverse=True)
+    if within > 0.0 and len(first):
+        group = radius_components(every[first], within)
+        _, lowest = np.unique(group, return_index=True)
+        first, index = first[lowest], group[index.ravel()]
     flat = index.ravel()[np.concatenate(triangles)] if triangles else np.zeros((0, 3), np.int64)
     good = (flat[:, 0] != flat[:, 1]) & (flat[:, 1] != flat[:, 2]) & (flat[:, 0] != flat[:, 2])
     return TriangleMesh(vertices=every[first], faces=np.ascontiguousarray(flat[good])), np.concatenate(owner)[good]

@@ -21,7 +21,7 @@ from scan2fea.cad.tangency import made_to_touch, touches_of
 from scan2fea.kernel.measures import face_areas
 from scan2fea.kernel.polylines import length_of
 from scan2fea.kernel.surfaces import CONE, CYLINDER, PLANE, SPHERE, Surface
-from scan2fea.types import FloatArray, IntArray, TriangleMesh, Value
+from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 
 EXACT = 5e-6  # mm: a line or an arc through the points of an edge
 RESOLUTION = 1e-6  # mm
@@ -49,14 +49,15 @@ class Traced(Value):
 
 def traced_solid(
     mesh_mm: TriangleMesh, label: IntArray, surfaces: Sequence[Surface], covariances: Sequence[FloatArray], tolerance: float, spacing: float,
-    *, walls: bool = False,
+    *, walls: bool = False, free: BoolArray | None = None, exact: float = EXACT,
 ) -> Traced:  # fmt: skip
     """The solid of labelled faces, in millimetres. label : (m,) number of the surface of each, -1 where the nearest beside it is to be taken.
 
     walls : small patches whose corners or edges lie on no common point of their surfaces are walls of free form: their triangles become faces.
     Where a face comes out not valid the borders of walls on it are made even, and then, if small, it is a wall too.
+    free : (m,) faces of free form, each a face of the solid from the start.   exact : edges nearer than this to a line or an arc are one.
     """
-    wall = np.zeros(len(label), bool)
+    wall = np.zeros(len(label), bool) if free is None else free
     area, evened = face_areas(mesh_mm), False
     for _ in range(WALLS):
         network = network_of(mesh_mm, label, surfaces, wall)
@@ -71,7 +72,7 @@ def traced_solid(
         own = network.surface[network.label]
         small = {k for k in meeting.missed(tolerance, edges) if k >= 0 and float(area[own == k].sum()) <= SMALL * float(area.sum())}
         if not small or not walls:
-            solid, invalid = _solid(mesh_mm, network, made, meeting, edges)
+            solid, invalid = _solid(mesh_mm, network, made, meeting, edges, exact)
             if not invalid or not walls:
                 return Traced(solid=solid, surfaces=tuple(made), n_facets=n_facets, loose=loose)
             small = {k for k in invalid if evened and k >= 0 and float(area[own == k].sum()) <= SMALL * float(area.sum())}
@@ -81,11 +82,11 @@ def traced_solid(
 
 
 def _solid(
-    mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], meeting: Meeting, edges: Mapping[int, Edge]
+    mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], meeting: Meeting, edges: Mapping[int, Edge], exact: float
 ) -> tuple[Any | None, set[int]]:
     """The solid, and the surfaces of faces that are not valid."""
     try:
-        faces = _faces(mesh, network, surfaces, meeting, edges)
+        faces = _faces(mesh, network, surfaces, meeting, edges, exact)
     except Exception:  # noqa: BLE001 - Open Cascade raises types of its own for what it cannot draw: no solid then
         return None, set()
     invalid = {int(network.surface[region]) for region, face in faces.items() if not is_valid(face)}
@@ -117,10 +118,10 @@ def _whole(solid: Any) -> Any:
 
 
 def _faces(
-    mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], meeting: Meeting, edges: Mapping[int, Edge]
+    mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], meeting: Meeting, edges: Mapping[int, Edge], exact: float
 ) -> dict[int, Any]:
     """The face of each region; none where a region has no border that closes."""
-    drawn = _drawn(edges, meeting.corners)
+    drawn = _drawn(edges, meeting.corners, exact)
     uses: dict[int, list[_Use]] = {k: [] for k in range(len(network.surface))}
     for number, edge in edges.items():
         chain = network.chains[number]
@@ -157,7 +158,7 @@ def _loops(uses: Sequence[_Use]) -> list[list[_Use]]:
     return out
 
 
-def _drawn(edges: Mapping[int, Edge], corners: Mapping[int, Corner]) -> dict[int, Any]:
+def _drawn(edges: Mapping[int, Edge], corners: Mapping[int, Corner], exact: float) -> dict[int, Any]:
     """Edges of Open Cascade that share their ends."""
     from OCP.BRep import BRep_Builder
     from OCP.TopAbs import TopAbs_FORWARD, TopAbs_REVERSED
@@ -170,9 +171,9 @@ def _drawn(edges: Mapping[int, Edge], corners: Mapping[int, Corner]) -> dict[int
         builder.MakeVertex(ends[number], pnt(corner.at), max(RESOLUTION, 2 * corner.off))
     for number, edge in edges.items():
         step = np.linalg.norm(np.diff(edge.points, axis=0), axis=1)
-        curve, low, high = _curve(edge.points[np.append(True, step > 1e-7)])
+        curve, low, high = _curve(edge.points[np.append(True, step > 1e-7)], exact)
         shape = TopoDS_Edge()
-        builder.MakeEdge(shape, curve, max(RESOLUTION, 2 * edge.off))
+        builder.MakeEdge(shape, curve, max(RESOLUTION, 2 * edge.off, exact if exact > EXACT else 0.0))
         builder.Add(shape, TopoDS.Vertex(ends[edge.first].Oriented(TopAbs_FORWARD)))
         builder.Add(shape, TopoDS.Vertex(ends[edge.last].Oriented(TopAbs_REVERSED)))
         builder.Range(shape, low, high)
@@ -180,7 +181,7 @@ def _drawn(edges: Mapping[int, Edge], corners: Mapping[int, Corner]) -> dict[int
     return out
 
 
-def _curve(points: FloatArray) -> tuple[Any, float, float]:
+def _curve(points: FloatArray, exact: float) -> tuple[Any, float, float]:
     """The line or arc that holds the points, else a spline through them; and its ends."""
     from OCP.collections import HArray1_gp_Pnt
     from OCP.Geom import Geom_Circle, Geom_Line
@@ -192,9 +193,9 @@ def _curve(points: FloatArray) -> tuple[Any, float, float]:
     is_closed = length < 1e-9
     if not is_closed:
         along = (points - points[0]) @ across / length
-        if np.linalg.norm(points - points[0] - along[:, None] * across / length, axis=1).max() < EXACT:
+        if np.linalg.norm(points - points[0] - along[:, None] * across / length, axis=1).max() < exact:
             return Geom_Line(pnt(points[0]), direction(across)), 0.0, length
-    arc = _arc(points)
+    arc = _arc(points, exact)
     if arc is not None:
         middle, normal, radius, turn = arc
         return Geom_Circle(gp_Circ(gp_Ax2(pnt(middle), direction(normal), direction(points[0] - middle)), radius)), 0.0, turn
@@ -208,19 +209,19 @@ def _curve(points: FloatArray) -> tuple[Any, float, float]:
     return curve, curve.FirstParameter(), curve.LastParameter()
 
 
-def _arc(points: FloatArray) -> tuple[FloatArray, FloatArray, float, float] | None:
+def _arc(points: FloatArray, exact: float) -> tuple[FloatArray, FloatArray, float, float] | None:
     """(middle, normal, radius, turn) of the arc from the first to the last of some points; None where they lie on none."""
     if len(points) < 5:
         return None
     centre = points.mean(0)
     axes = np.linalg.svd(points - centre, full_matrices=False)[2]
-    if np.abs((points - centre) @ axes[2]).max() > EXACT:
+    if np.abs((points - centre) @ axes[2]).max() > exact:
         return None
     flat = (points - centre) @ axes[:2].T
     x, y, c = np.linalg.lstsq(np.column_stack([2 * flat, np.ones(len(flat))]), (flat**2).sum(1), rcond=None)[0]
     radius = float(np.sqrt(c + x * x + y * y))
     middle = centre + np.array([x, y]) @ axes[:2]
-    if np.abs(np.linalg.norm(points - middle, axis=1) - radius).max() > EXACT:
+    if np.abs(np.linalg.norm(points - middle, axis=1) - radius).max() > exact:
         return None
     first = (points[0] - middle) / np.linalg.norm(points[0] - middle)
     normal = axes[2]

@@ -102,11 +102,11 @@ def covariance_in_mm(fit: Fit) -> FloatArray:
 
 def trued(
     solid: Any, middle: FloatArray, scale: Scale, snaps: tuple[Snap, ...], proved: Compared, fillets: Sequence[Fillet] = (),
-    drawn: Sequence[Surface] | None = None,
+    drawn: Sequence[Surface] | None = None, within_m: float = 0.0,
 ) -> Trued:  # fmt: skip
     """The file, proved by reading it back, and the triangles of its faces in their order.
 
-    drawn : the surfaces, in millimetres, of a solid that has facets too: what lies on none of these is one.
+    drawn : the surfaces, in millimetres, of a solid that has facets too: what lies on none of these is one.   within_m : see `triangles_of`.
     """
     placed = moved_by(solid, middle * MILLIMETRES_PER_METRE)
     try:
@@ -117,7 +117,7 @@ def trued(
     volume = volume_of(placed) / MILLIMETRES_PER_METRE**3
     if not (found.is_valid and found.n_solids == 1 and found.n_free_edges == 0 and abs(found.volume_m3 / volume - 1) < READS_BACK):
         return no_solid("the STEP file does not read back as the solid that was written")
-    mesh, face = triangles_of(solid, middle, scale.tolerance_m)
+    mesh, face = triangles_of(solid, middle, scale.tolerance_m, within_m)
     order = _order(mesh, face, found)
     if order is None:
         return no_solid("the faces of the STEP file are not those that were written")

@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from scan2fea.cad import CadOptions, Trued, patched_solid, true_solid
+from scan2fea.cad import CadOptions, Trued, drawn_solid, patched_solid, true_solid
 from scan2fea.io.artifacts import load, save
 from scan2fea.kernel.processes import run_limited
 from scan2fea.types import FloatArray, TriangleMesh
@@ -34,6 +34,11 @@ def true_solid_in_child(
         return true_solid(mesh, points, options, spacing_m=spacing_m, noise_m=noise_m, resting=resting)
     more = {"spacing_m": spacing_m, "noise_m": noise_m, "resting": resting}
     return _in_child({"mesh": mesh, "points": points, "options": options, "more": more}, options, "true faces")
+
+
+def drawn_solid_in_child(mesh: TriangleMesh, options: CadOptions) -> Trued:
+    """`drawn_solid`, as above."""
+    return _in_child({"mesh": mesh, "drawn": True}, options, "faces as drawn")
 
 
 def patched_solid_in_child(mesh: TriangleMesh, options: CadOptions, *, spacing_m: float, noise_m: float) -> Trued:
@@ -67,6 +72,8 @@ def main(job: Path, result: Path) -> None:
     task = load(job)
     if "points" in task:
         save(true_solid(task["mesh"], task["points"], task["options"], **task["more"]), result)
+    elif "drawn" in task:
+        save(drawn_solid(task["mesh"]), result)
     else:
         save(patched_solid(task["mesh"], **task["more"]), result)
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scan2fea.cad import BOX_OFF, LEAST_LOST, CadOptions, Trued, box_off_m
+from scan2fea.cad import BOX_OFF, FACET, LEAST_LOST, CadOptions, Trued, box_off_m
 from scan2fea.errors import StageError
 from scan2fea.kernel.boundary import boundary_surface
 from scan2fea.kernel.coverage import NOISE_SIGMAS, REACH_SPACINGS, deviation
@@ -15,7 +15,7 @@ from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import extent
 from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.pipeline.config import Config
-from scan2fea.pipeline.faces_worker import true_solid_in_child
+from scan2fea.pipeline.faces_worker import drawn_solid_in_child, true_solid_in_child
 from scan2fea.pipeline.part import Made, Part
 from scan2fea.pipeline.record import Record, Tracked
 from scan2fea.remeshing import chord_height, evened, looks_drawn, worst_dihedral
@@ -34,31 +34,51 @@ def build_true(
     noise, drawn = made.sigma_m if made.residual_m is None else made.residual_m, made.how.get("cad_reason", "")
     tets = _built(made, surface, source, config, record, {"spacing_m": made.spacing_m, "noise_m": noise})
     if tets is None and drawn:
-        made.how["cad_reason"] += f"; in even triangles: {drawn}"
+        made.how["cad_reason"] += f"; {drawn}"
     return tets
 
 
 def build_drawn(
     made: Made, repaired: Tracked[TriangleMesh], source: Tracked[Part], config: Config, record: Record
 ) -> Tracked[TetMesh] | None:
-    """The same for a file with curves that were drawn, from even triangles; None where it has points, no such curves, or is none of these."""
-    if made.part.mesh is None or not config.cad.true_faces or not looks_drawn(repaired.value) or not chord_height(repaired.value):
+    """The same for a file with curves that were drawn: from its own triangles, or from even ones where these leave fewer faces (no triangles of a
+    free form among them); None where it has points, no such curves, or is none of these.
+    """
+    mesh = repaired.value
+    if made.part.mesh is None or not config.cad.true_faces or not looks_drawn(mesh) or not chord_height(mesh):
         return None
-    try:
-        even = record("even", evened, repaired, n_in=len(repaired.value.faces), count=lambda e: len(e.mesh.faces))
-    except StageError:
-        return None
-    scale = {"spacing_m": even.value.edge_m, "noise_m": even.value.chord_m}
-    return _built(made, Tracked(even.value.mesh, even.key), source, config, record, scale)
+    found = [(record("faces", _drawn_solid, repaired, options=config.cad, n_in=len(mesh.faces), count=_n_faces), mesh)]
+    if found[0][0].value.brep is None or FACET in found[0][0].value.brep.face_kinds:
+        try:
+            even = record("even", evened, repaired, n_in=len(mesh.faces), count=lambda e: len(e.mesh.faces))
+            surface = Tracked(even.value.mesh, even.key)
+            scale = {"spacing_m": even.value.edge_m, "noise_m": even.value.chord_m}
+            found.append((_found(surface, source, config, record, scale), surface.value))
+        except StageError:
+            pass
+    reasons = []
+    for solid, surface_of in sorted(found, key=lambda f: (f[0].value.brep is None, _n_faces(f[0].value))):
+        tets = _filled(made, solid, surface_of, config, record)
+        if tets is not None:
+            return tets
+        reasons.append(made.how["cad_reason"])
+    made.how["cad_reason"] = "; ".join(reasons)
+    return None
 
 
 def _built(
     made: Made, surface: Tracked[TriangleMesh], source: Tracked[Part], config: Config, record: Record, scale: dict[str, float]
 ) -> Tracked[TetMesh] | None:
     """The solid from the triangles of a surface. scale : spacing and noise of its points."""
-    found = record(
-        "faces", _true_solid, surface, source, options=config.cad, extra=scale, n_in=len(surface.value.faces), count=_n_faces
-    )  # fmt: skip
+    return _filled(made, _found(surface, source, config, record, scale), surface.value, config, record)
+
+
+def _found(surface: Tracked[TriangleMesh], source: Tracked[Part], config: Config, record: Record, scale: dict[str, float]) -> Tracked[Trued]:
+    return record("faces", _true_solid, surface, source, options=config.cad, extra=scale, n_in=len(surface.value.faces), count=_n_faces)
+
+
+def _filled(made: Made, found: Tracked[Trued], surface: TriangleMesh, config: Config, record: Record) -> Tracked[TetMesh] | None:
+    """The tets inside a solid that was found, entered into `made`; None where there is none, or its tets fail."""
     made.how["cad_route"], made.how["cad_reason"] = FACETS, found.value.reason
     if found.value.brep is None:
         return None
@@ -71,7 +91,7 @@ def _built(
         made.how["cad_reason"] = f"true faces were found but not meshed: {error}"
         return None
     tets = filled.value.tets
-    problem = _problem(made, tets, config.fea.max_dof) or _seen_through(made, found.value, surface.value)
+    problem = _problem(made, tets, config.fea.max_dof) or _seen_through(made, found.value, surface)
     if problem:
         made.how["cad_reason"] = problem
         return None
@@ -91,6 +111,10 @@ def _true_solid(mesh: TriangleMesh, part: Part, options: CadOptions, *, spacing_
         if cloud.normals is not None:
             resting = cloud.points[cloud.is_inferred], cloud.normals[cloud.is_inferred]
     return true_solid_in_child(mesh, points, options, spacing_m=spacing_m, noise_m=noise_m, resting=resting)
+
+
+def _drawn_solid(mesh: TriangleMesh, options: CadOptions) -> Trued:
+    return drawn_solid_in_child(mesh, options)
 
 
 def _fill(found: Trued, options: FillOptions) -> Filled:

@@ -142,6 +142,8 @@ def _run(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:
         algorithm = _mesh_volume(gmsh, str(job["algorithm"]))
     done = ["hxt" if algorithm == HXT else "delaunay"]
     nodes, tets, tags = _tets(gmsh)
+    if not len(tets):
+        raise ValueError("gmsh filled no volume")
     worst = _worst(nodes, tets)
     for method in ("", "Netgen"):  # gmsh's own (swaps, smoothing) is quick, Netgen's thorough
         if worst >= float(job["good_deg"]):
@@ -222,7 +224,7 @@ def _set_sizes(gmsh: Any, size: float, factor: float) -> None:
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
     limit: dict[int, float] = {}
     per_turn = gmsh.option.getNumber("Mesh.MeshSizeFromCurvature")
-    for curve in gmsh.model.getEntities(1) if per_turn else []:  # as fine beside a round edge as on it
+    for curve in gmsh.model.getEntities(1) if per_turn else []:  # as fine beside a round edge, or a straight one of a round face, as on it
         limit[curve[1]] = min(size, 2 * math.pi * _radius(gmsh, curve[1]) / per_turn)
     for face in gmsh.model.getEntities(2):
         curves = [tag for _, tag in gmsh.model.getBoundary([face], combined=False, oriented=False)]
@@ -243,12 +245,19 @@ def _set_sizes(gmsh: Any, size: float, factor: float) -> None:
 
 
 def _radius(gmsh: Any, curve: int) -> float:
-    """The smallest radius of curvature at places along a curve; infinite where it is straight, or the pole of a sphere."""
+    """The smallest radius of curvature at places along a curve, and of the faces that a straight one bounds; infinite where all are flat, or at the
+    pole of a sphere.
+    """
     if gmsh.model.occ.getMass(1, curve) < 1e-9:
         return math.inf
     low, high = gmsh.model.getParametrizationBounds(1, curve)
     places = np.linspace(float(low[0]), float(high[0]), 9)
     bend = float(np.abs(gmsh.model.getCurvature(1, curve, places)).max())
+    if gmsh.model.getType(1, curve) == "Line":
+        for face in gmsh.model.getAdjacencies(1, curve)[0].tolist():
+            if gmsh.model.getType(2, face) != "Plane":  # not at its ends: a cone may end in its tip
+                at = gmsh.model.reparametrizeOnSurface(1, curve, places[2:-2], face)
+                bend = max(bend, float(np.abs(gmsh.model.getPrincipalCurvatures(face, at)[:2]).max()))
     return 1.0 / bend if math.isfinite(bend) and bend > 0 else math.inf
 
 

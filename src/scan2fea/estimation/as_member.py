@@ -272,7 +272,7 @@ def _cut_ends(fit: SectionFit) -> set[str]:
     if fit.family in ROUND or not fit.seen:
         return set()
     width = dict(zip(faces(fit.family), face_lengths(fit.family, fit.values), strict=True))
-    per_m = fit.n_used / max(sum(width[name] * fit.seen[name] for name in width), 1e-300)
+    per_m = fit.n_weighed / max(sum(width[name] * fit.seen[name] for name in width), 1e-300)
     cut = set()
     for loop in edge_names(fit.family):
         for i, name in enumerate(loop):

@@ -76,7 +76,8 @@ class SectionFit(Value):
     layout, theta (q,), covariance (q, q): everything that was fitted (see Layout).   misfit (q,): sd of the sandwich over that of the model.
     sigma_m, noise, outlier_share : of the points.   noises : law -> BIC difference to the best.
     face_weight : (f,) points per metre of each face against the densest, of most likelihood; seen : the same by name.
-    families : family -> posterior.   candidates : every hypothesis, best first.   n_used : points in z_range.
+    families : family -> posterior.   candidates : every hypothesis, best first.
+    n_used : points in z_range.   n_weighed : of these, those that face_weight is of.
     """
 
     family: str
@@ -104,6 +105,7 @@ class SectionFit(Value):
     log_likelihood: float
     bic: float
     n_used: int
+    n_weighed: int
     n_iterations: int
     converged: bool
 
@@ -323,7 +325,8 @@ def _result(
         kernel_spread=law_spread(layout.family, noises),
         plausible_spread=law_spread(layout.family, noises, PLAUSIBLE),
     )
-    weight = seen_weights(model, done.theta)
+    weighed = task.model(layout, task.options.subsample)  # of 8,000 points a narrow toe between blurred faces holds too few
+    weight = seen_weights(weighed, done.theta)
     weight = weight / max(float(weight.max()), 1e-300)
     T_points_fit = np.diag([1.0, -1.0, -1.0, 1.0]) if turned and layout.family == "L" else np.eye(4)
     best = min(c.bic for c in noises.values())
@@ -353,6 +356,7 @@ def _result(
         log_likelihood=done.log_likelihood,
         bic=-2 * done.log_posterior + int(free.sum()) * math.log(len(task.points)),
         n_used=len(task.points),
+        n_weighed=len(weighed.xy),
         n_iterations=done.n_iterations,
         converged=done.converged,
     )

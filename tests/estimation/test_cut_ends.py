@@ -26,3 +26,14 @@ def test_a_cut_web_has_no_toe_and_a_whole_one_has(seed) -> None:
     whole = fitted(member_points("T", TEE, 5000, options))
     height = next(p for p in whole.parameters if p.name == "h")
     assert whole.seen["WEB_TOE"] > 0.5 and height.observable and abs(height.value_m - TEE["h"]) < 4 * height.std_m
+
+
+@pytest.mark.parametrize("walls", [4.5, 6.5])
+def test_the_noise_of_two_faces_and_strays_are_no_toe_between_them(walls) -> None:
+    """A wall that was cut ends among its own noise and strays, which had counted as points of a toe: h was told 58.8 for 90 mm, cut at 60."""
+    options = MemberScanOptions(noise_m=TEE["tw"] / walls, caps=True, seed=2, clutter=0.15)
+    longer = member_points("T", {**TEE, "h": 0.09}, 12_000, options)
+    cut = fitted(longer[longer[:, 1] > -0.06])
+    assert cut.seen["WEB_TOE"] == 0 and not next(p for p in cut.parameters if p.name == "h").observable
+    whole = fitted(member_points("T", TEE, 9_000, options))
+    assert whole.seen["WEB_TOE"] > 0.5 and next(p for p in whole.parameters if p.name == "h").observable

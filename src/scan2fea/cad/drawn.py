@@ -225,10 +225,9 @@ def _circle(flat: FloatArray) -> tuple[FloatArray, float] | None:
     """(middle, radius) of a circle or ball through points (n, 2 or 3)."""
     origin = flat.mean(0)
     q = flat - origin
-    matrix = np.column_stack([2 * q, np.ones(len(q))])
     scale = float(np.abs(q).max(initial=0.0)) or 1.0
     found, _, rank, values = np.linalg.lstsq(np.column_stack([2 * q / scale, np.ones(len(q))]), (q**2).sum(1) / scale**2, rcond=1e-9)
-    if rank < matrix.shape[1] or values[-1] < 1e-6 * values[0]:
+    if rank < q.shape[1] + 1 or values[-1] < 1e-6 * values[0]:
         return None
     middle = scale * found[:-1]
     return origin + middle, float(np.sqrt(max(found[-1] * scale**2 + middle @ middle, 0.0)))

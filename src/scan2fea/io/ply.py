@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -88,7 +89,8 @@ def open_ply(path: Path, size: int) -> Source:
 
     face = header.number_of("face")
     has_faces = face is not None and header.elements[face].rows > 0 and _face_list(header.elements[face]) is not None
-    return Source(columns=names, pieces=pieces, n_points=vertex.rows, faces=(lambda: body.faces(face or 0)) if has_faces else None, grid=body.grid)
+    faces = (lambda: body.faces(face or 0)) if has_faces else None
+    return Source(columns=names, pieces=pieces, n_points=vertex.rows, faces=faces, grid=cache(body.grid))
 
 
 def _face_list(face: _Element) -> int | None:

@@ -47,7 +47,7 @@ def build_drawn(
     mesh = repaired.value
     if made.part.mesh is None or not config.cad.true_faces or not looks_drawn(mesh) or not chord_height(mesh):
         return None
-    found = [(record("faces", _drawn_solid, repaired, options=config.cad, n_in=len(mesh.faces), count=_n_faces), mesh)]
+    found = [(record("faces", drawn_solid_in_child, repaired, options=config.cad, n_in=len(mesh.faces), count=_n_faces), mesh)]
     if found[0][0].value.brep is None or FACET in found[0][0].value.brep.face_kinds:
         try:
             even = record("even", evened, repaired, n_in=len(mesh.faces), count=lambda e: len(e.mesh.faces))
@@ -111,10 +111,6 @@ def _true_solid(mesh: TriangleMesh, part: Part, options: CadOptions, *, spacing_
         if cloud.normals is not None:
             resting = cloud.points[cloud.is_inferred], cloud.normals[cloud.is_inferred]
     return true_solid_in_child(mesh, points, options, spacing_m=spacing_m, noise_m=noise_m, resting=resting)
-
-
-def _drawn_solid(mesh: TriangleMesh, options: CadOptions) -> Trued:
-    return drawn_solid_in_child(mesh, options)
 
 
 def _fill(found: Trued, options: FillOptions) -> Filled:

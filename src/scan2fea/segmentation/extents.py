@@ -10,7 +10,7 @@ from scan2fea.segmentation.sweeps import across, refined_axis
 from scan2fea.types import BoolArray, FloatArray, Value
 
 _TAIL = 0.01  # of the points may lie outside a member's box at each side
-_PARALLEL = 0.97  # cosine of 14 degrees
+PARALLEL = 0.97  # cosine of 14 degrees
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -42,7 +42,7 @@ class Extent(Value):
 
     def ends_with(self, other: Extent) -> bool:
         """Whether both run side by side from end to end: neither goes on beyond the other by more than the larger section."""
-        if abs(float(self.axis @ other.axis)) < _PARALLEL:
+        if abs(float(self.axis @ other.axis)) < PARALLEL:
             return False
         own, its = (np.sort([float(end @ self.axis) for end in extent.ends]) for extent in (self, other))
         return bool((np.abs(own - its) <= max(self.width, other.width)).all())

@@ -9,14 +9,11 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from scan2fea.segmentation.extents import Extent, extent_of
+from scan2fea.segmentation.extents import PARALLEL, Extent, extent_of
 from scan2fea.segmentation.pieces import LEAST_PIECE, Thin
-from scan2fea.segmentation.sweeps import COLUMN, SLICE
+from scan2fea.segmentation.sweeps import COLUMN, OF_SECTION, SHOWS, SLICE
 from scan2fea.types import BoolArray, FloatArray, IntArray
 
-_SHOWS = 0.75  # of the section's columns: less, and it is not there
-_OF_SECTION = 0.3  # of its slices in which a column of the section holds points
-_PARALLEL = 0.97  # cosine of 14 degrees
 _ALL = 0.95  # of the points: strays apart
 _AROUND = 3  # columns beside the section that are looked at
 
@@ -28,7 +25,7 @@ def is_one(thin: Thin, group: IntArray) -> bool:
     if not extents:
         return False
     longest = max(extents, key=lambda g: extents[g].length)
-    along = [g for g, extent in extents.items() if abs(float(extent.axis @ extents[longest].axis)) >= _PARALLEL]
+    along = [g for g, extent in extents.items() if abs(float(extent.axis @ extents[longest].axis)) >= PARALLEL]
     own = group == longest
     inside = _in_section(thin, own, ((group < 0) | np.isin(group, along)) & ~own, extents[longest])
     return bool((own | inside).mean() >= _ALL)
@@ -53,9 +50,9 @@ def _in_section(thin: Thin, own: BoolArray, free: BoolArray, extent: Extent) -> 
     seen[column[:, 0], column[:, 1], at] = True
     mine[column[is_own, 0], column[is_own, 1], at[is_own]] = True
     first, last = int(at[is_own].min()), int(at[is_own].max())
-    section = mine[:, :, first : last + 1].mean(axis=2) >= _OF_SECTION
+    section = mine[:, :, first : last + 1].mean(axis=2) >= OF_SECTION
     wide = ndimage.maximum_filter(section, 3)
-    shows = (_share(ndimage.maximum_filter(seen, (3, 3, 1)), section) >= _SHOWS) & (_share(seen, ~wide) <= 1.0 - _SHOWS)
+    shows = (_share(ndimage.maximum_filter(seen, (3, 3, 1)), section) >= SHOWS) & (_share(seen, ~wide) <= 1.0 - SHOWS)
     shows[first : last + 1] = True
     run = ndimage.label(shows)[0]
     inside = np.zeros(len(own), bool)

@@ -24,7 +24,7 @@ from scan2fea.segmentation.leaves import apart_from_leaves, leaves_of, share_of_
 from scan2fea.segmentation.led_on import is_one
 from scan2fea.segmentation.lying_on import lying_on
 from scan2fea.segmentation.pieces import LEAST_PIECE, LINK, NORMAL_NEIGHBOURS, Thin, pieces, thinned
-from scan2fea.segmentation.sweeps import GAP, ONE_FACE, SLICE, across, run_lengths, slice_profile
+from scan2fea.segmentation.sweeps import GAP, ONE_FACE, SHOWS, SLICE, across, run_lengths, slice_profile
 from scan2fea.segmentation.web_openings import with_openings
 from scan2fea.types import BoolArray, FloatArray, IntArray
 
@@ -38,7 +38,6 @@ _IN_LINE = 0.97  # cosine of 14 degrees
 _OBLIQUE = 0.26  # cosine of 75 degrees
 _ALIKE = 1.35  # ratio of widths that still is the same section
 _MOST_CUTS, _MOST_CELLS = 40, 2e6
-_EMPTY = 0.75  # of its usual share: less, and the section is not there
 _SHORT, _INSIDE = 0.25, 0.8  # a piece of less than a quarter of the length must lie within the other's box to be one with it
 
 
@@ -137,7 +136,7 @@ def _empty_zones(thin: Thin, rows: IntArray, piece: IntArray, axes: FloatArray, 
     """First slice and end of each stretch where less than 75 % of the section of piece p shows and another passes; slice of each row, shares."""
     share, at = slice_profile(thin.points[rows], axes[p], thin.h)
     share = share / max(float(np.median(share)), 1e-12)
-    label, n_zones = ndimage.label(share < _EMPTY)
+    label, n_zones = ndimage.label(share < SHOWS)
     zones = []
     for zone in range(1, n_zones + 1):
         slices = np.flatnonzero(label == zone)

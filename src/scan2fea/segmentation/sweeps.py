@@ -16,6 +16,8 @@ from scan2fea.types import BoolArray, FloatArray, IntArray
 SQUARE = 0.35  # sine of the tilt that a normal may have against square to the axis: noise and rounded edges
 COLUMN = 2.0  # spacings: width of a column
 GAP = 4.0  # spacings: a longer gap ends a run; a column holds two points a spacing
+SHOWS = 0.75  # of its columns: less, and a section is not there
+OF_SECTION = 0.3  # of the slices in which a column of the section holds points
 SLICE = 2.0  # spacings: thickness of a slice across; with its column it holds four points
 _PAIRS = 6  # normals compared with that of a point
 _REACH = 8.0  # spacings: how far apart they lie
@@ -141,7 +143,7 @@ def slice_profile(points: FloatArray, axis: FloatArray, h: float) -> tuple[Float
     number = np.unique(column[:, 0] * (int(column[:, 1].max()) + 1) + column[:, 1], return_inverse=True)[1].ravel()
     seen: BoolArray = np.zeros((int(number.max()) + 1, int(at.max()) + 1), bool)
     seen[number, at] = True
-    of_section = seen.mean(axis=1) >= 0.3
+    of_section = seen.mean(axis=1) >= OF_SECTION
     if not of_section.any():
         of_section = np.ones(len(seen), bool)
     return seen[of_section].mean(axis=0), at

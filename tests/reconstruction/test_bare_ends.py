@@ -50,6 +50,15 @@ def test_ends_that_nobody_saw_are_counted_wherever_the_part_lies(ends, turn):
     assert check.passed or "may go on there, or be hollow" in check.says
 
 
+@pytest.mark.parametrize(("rim", "n"), [(0.8, 2), (0.55, 0)])
+def test_ends_of_which_the_rim_alone_was_seen(rim, n):
+    """More than half of the plane lies in circles without a point: it may be the mouth of a tube. A smaller gap is one."""
+    points = bar_points(2)
+    is_end = np.minimum(points[:, 2] - BAR.vertices[:, 2].min(), BAR.vertices[:, 2].max() - points[:, 2]) < 1e-9
+    seen = points[~is_end | (np.hypot(points[:, 0], points[:, 1]) > rim * RADIUS)]
+    assert bare_ends(evidence_of(BAR, seen)).value == n
+
+
 def test_a_gap_in_a_smooth_surface_is_no_end():
     """A flat cap over a gap of 40 degrees in a ball: the ball lies behind it, but the points round it look as it does."""
     ball = fine(TriangleMesh(vertices=np.vstack([np.eye(3), -np.eye(3)]), faces=OCTAHEDRON), 0.1)

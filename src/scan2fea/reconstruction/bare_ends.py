@@ -24,7 +24,8 @@ ASIDE = 0.7  # cosine between these and the cap: on a smooth surface they look a
 def bare_ends(evidence: Evidence) -> Check:
     """How many caps without points of their own are ends of the part?
 
-    A cap is flat, the whole part lies behind its plane, more than half of what lies in that plane has no point, and the points round it look aside.
+    A cap is flat, the whole part lies behind its plane, more than half of that plane lies in circles without a point, of which its faces are the
+    middles, and the points round it look aside. So the mouth of a tube of which the rim alone was seen is such a cap.
     """
     mesh, reach_m = evidence.mesh, REACH * evidence.spacing_m
     near, normals, areas = evidence.nearest_backed, face_normals(mesh), face_areas(mesh)
@@ -32,7 +33,7 @@ def bare_ends(evidence: Evidence) -> Check:
     bare = bare_faces_of(mesh, near.closest, looks, reach_m)
     middle = mesh.vertices[mesh.faces].mean(axis=1)
     rough = JOINED * evidence.spacing_m + SIGMAS * evidence.sigma_m
-    caps = [own for own in joined(mesh.faces, np.flatnonzero(bare)) if ends_part(own, mesh, normals, areas, rough)]
+    caps = [own for own in joined(mesh.faces, np.flatnonzero(bare)) if ends_part(own, mesh, normals, areas, rough, reach_m)]
     tree = cKDTree(near.closest) if len(near.closest) else None
     ends = [middle[own] for own in caps if _looks_aside(tree, looks, middle[own], areas[own] @ normals[own], BESIDE * reach_m)]
     n = len(ends)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.jit import jit
@@ -310,16 +311,20 @@ def _near_each_other(places: FloatArray, of: IntArray, reach_m: float) -> IntArr
     return np.asarray(connected_components(graph, directed=False)[1][:n], np.int64)
 
 
-def ends_part(own: IntArray, mesh: TriangleMesh, normals: FloatArray, areas: FloatArray, rough_m: float) -> bool:
-    """Does the whole part lie behind the plane of these faces, rugged by `rough_m`, and are they more than half of what lies in that plane?"""
+def ends_part(own: IntArray, mesh: TriangleMesh, normals: FloatArray, areas: FloatArray, rough_m: float, reach_m: float = 0.0) -> bool:
+    """Does the whole part lie behind the plane of these faces, rugged by `rough_m`, and are they more than half of what lies in that plane?
+
+    reach_m : round each of them that no point lies in: what is nearer in their plane was not seen either.
+    """
     mean = (areas[own, None] * normals[own]).sum(axis=0) / areas[own].sum()
     length = float(np.linalg.norm(mean))
     if length < FLAT_END:
         return False
-    way = mean / length
-    height = mesh.vertices[mesh.faces].mean(axis=1) @ way
+    way, middle = mean / length, mesh.vertices[mesh.faces].mean(axis=1)
+    height = middle @ way
     level = float(height[own].mean())
     if float((mesh.vertices @ way).max()) > level + rough_m:
         return False
-    beside = (np.abs(height - level) <= rough_m) & (normals @ way > FACES_SO)
-    return bool(areas[own].sum() > WHOLE_END * areas[beside].sum())
+    beside = np.flatnonzero((np.abs(height - level) <= rough_m) & (normals @ way > FACES_SO))
+    unseen = np.isin(beside, own) | (cKDTree(middle[own]).query(middle[beside])[0] < reach_m)
+    return bool(areas[beside[unseen]].sum() > WHOLE_END * areas[beside].sum())

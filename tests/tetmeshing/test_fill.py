@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from drawn import drawing
 from predicates import assert_closed_manifold_oriented, box, l_beam, moved, rotation, sphere, torus
 from scan2fea.cad import to_brep
 from scan2fea.errors import MeshingError
@@ -12,6 +13,7 @@ from scan2fea.kernel.measures import extent, tet_volumes, volume
 from scan2fea.kernel.planar_regions import planar_regions
 from scan2fea.kernel.quality import TET_EDGES, tet_dihedrals
 from scan2fea.tetmeshing import FillOptions, fill
+from scan2fea.tetmeshing.child import run_worker
 from scan2fea.tetmeshing.naming import FREEFORM
 from scan2fea.types import TriangleMesh
 
@@ -132,6 +134,25 @@ def test_facetted_hole():
     filled = fill(plate, brep)
     assert_good(filled, plate, min_deg=20)
     assert_on_their_planes(filled, plate, brep)
+
+
+def test_many_holes_have_fewer_edges_round_them_where_the_budget_asks_for_it(tmp_path):
+    with drawing() as occ:
+        import gmsh
+
+        holes = [(3, occ.addCylinder(8 + 11 * i, 8 + 12 * j, -1, 0, 0, 8, 1.5)) for i in range(5) for j in range(3)]
+        occ.cut([(3, occ.addBox(0, 0, 0, 60, 40, 6))], holes)
+        occ.synchronize()
+        gmsh.write(str(tmp_path / "plate.step"))
+    job = {
+        "kind": "brep", "step": np.frombuffer((tmp_path / "plate.step").read_bytes(), np.uint8), "shift_mm": np.zeros(3), "size_mm": 6.0,
+        "max_size_mm": 36.0, "max_nodes": np.inf, "per_turn": 24.0, "algorithm": "auto", "good_deg": 0.0,
+    }  # fmt: skip
+    of = {most: run_worker({**job, "max_tets": most}, time_limit_s=60, memory_limit_gib=4) for most in (np.inf, 30_000, 100)}
+    n = {most: len(found["tets"]) for most, found in of.items()}
+    assert of[np.inf]["per_turn"] == 24 and of[np.inf]["coarser"] == 1
+    assert 12 < of[30_000]["per_turn"] < 24 and n[30_000] <= 30_000 < n[np.inf]
+    assert of[100]["per_turn"] == 12 and n[100] > 100  # as few as may be, whatever is allowed
 
 
 def test_two_runs_give_the_same_bytes_and_leave_the_input_alone():

@@ -217,9 +217,18 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
     if found.name == "converted" and "cad_holes" in made.how:
         holes = made.how["cad_holes"]
         row["reason"] += f"; {holes['solid']} holes go through, the surface had {holes['surface']}: where they differ no point was measured"
-    if found.name == "converted" and made.tets is not None and made.how.get("over_budget"):
-        row["reason"] += f"; it took {len(made.tets.tets)} elements, tetmeshing.max_elements is {made.how['max_elements']}"
+    if found.name == "converted" and made.tets is not None:
+        row["reason"] += _budget(made.tets, made.how)
     return dict(finite_tree({key: value for key, value in row.items() if value is not None}))
+
+
+def _budget(tets: TetMesh, how: Mapping[str, Any]) -> str:
+    """What the budget of elements did to the mesh, or the mesh to it."""
+    said = f"; it took {len(tets.tets)} elements, tetmeshing.max_elements is {how['max_elements']}" if how.get("over_budget") else ""
+    if "full_per_turn" in how:
+        fewer = f"circles have {how['per_turn']:.3g} edges for {how['full_per_turn']:g}"
+        said += f"; {fewer}: with more the mesh passes tetmeshing.max_elements or max_nodes by far"
+    return said
 
 
 def _extreme(made: Made, is_converted: bool) -> FloatArray:

@@ -30,7 +30,7 @@ LIMIT_DEG = float(TET_LIMITS["min_dihedral_deg"].fail or 0.0)
 SHORT_S = 60.0  # less than this is not split between attempts
 MANY_FACES = 400  # B-Rep faces up to which meshing face by face makes sense; above it the faces are facets, smaller than elements
 CHORDS = 3e-3  # of the volume: what straight edges on curved faces may cut off or add; verification refuses 5e-3
-PER_TURN = (24.0, 36.0, 54.0)  # edges round a circle, more where these cut off too much
+PER_TURN = (24.0, 36.0, 54.0)  # edges round a circle, more where these cut off too much; down to half where the budget would not do
 STRAIGHT = 1e-6  # of its length: what the middle of a straight edge may be off by rounding
 TOO_MANY_FACES = 6000  # where the triangles cannot be kept, face by face is tried up to here; gmsh needs some seconds per 1000 faces
 
@@ -52,8 +52,9 @@ class FillOptions(OptimiseOptions):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Filled(Value):
-    """The mesh and how it came about: route, algorithm, edge_m, wall_m, min_dihedral_deg, attempts, steps (the log of the optimisers); of TET10 on
-    curved CAD faces curved_edges, and kept_straight: how many had to stay so for a valid Jacobian.
+    """The mesh and how it came about: route, algorithm, edge_m, per_turn (edges round a circle; full_per_turn where the budget made these fewer),
+    wall_m, min_dihedral_deg, attempts, steps (the log of the optimisers); of TET10 on curved CAD faces curved_edges, and kept_straight: how many had
+    to stay so for a valid Jacobian.
     """
 
     tets: TetMesh
@@ -77,6 +78,7 @@ class _Found(Value):
     face_tag: IntArray
     done: str
     edge_m: float  # asked for; of the kept triangles (median) where the surface sets it
+    per_turn: float = 0.0
     rim: IntArray | None = None  # (e, 2) edges on curved CAD faces
     middles: FloatArray | None = None  # (e, 3) their middles there
     steps: tuple[Mapping[str, Any], ...] = ()
@@ -106,6 +108,8 @@ def fill(mesh: TriangleMesh, brep: Brep | None, options: FillOptions = FillOptio
     how = {**vars(chosen), "done": best.done, "min_dihedral_deg": best.worst_deg, "wall_m": size.wall_m, "attempts": tried, "steps": best.steps}
     if len(best.tets) > options.max_elements:  # the walls ask for more than was allowed
         how |= {"over_budget": True, "max_elements": options.max_elements}
+    if 0 < chosen.per_turn < PER_TURN[0]:
+        how |= {"full_per_turn": PER_TURN[0]}
     tets = tet_mesh(best.nodes, best.tets, best.boundary, best.face_tag, names.names, options.order)
     if best.rim is not None and best.middles is not None and options.order == 2:
         tets, straight = curved(tets, best.rim, best.middles)
@@ -130,7 +134,7 @@ def _best(
         except MeshingError as error:
             tried.append({**vars(attempt), "error": str(error)})
             continue
-        ran = replace(attempt, edge_m=found.edge_m)
+        ran = replace(attempt, edge_m=found.edge_m, per_turn=found.per_turn)
         tried.append({**vars(ran), "done": found.done, "n_tets": len(found.tets), "min_dihedral_deg": found.worst_deg})
         if best is None or found.worst_deg > best[0].worst_deg:
             best = found, ran
@@ -198,7 +202,8 @@ def _from_brep(job: dict[str, Any], mesh: TriangleMesh, brep: Brep, names: Names
     tag = tagged(boundary, got["triangles"], names.tag_of_face[got["face"]])
     rim, middles = _rim_of(got) if brep.is_curved else (None, None)
     return _Found(nodes=got["nodes"] * scale + centre, tets=got["tets"], boundary=boundary, face_tag=tag, done=str(got["done"]), rim=rim,
-                  middles=None if middles is None else middles * scale + centre, edge_m=job["size_mm"] * float(got["coarser"]) * scale)  # fmt: skip
+                  middles=None if middles is None else middles * scale + centre, edge_m=job["size_mm"] * float(got["coarser"]) * scale,
+                  per_turn=float(got["per_turn"]))  # fmt: skip
 
 
 def _rim_of(got: dict[str, Any]) -> tuple[IntArray, FloatArray]:

@@ -8,7 +8,8 @@ or "dirty" (vertices, faces, envelope: share of the diagonal by which fTetWild m
 "hxt", "delaunay", "auto" (by the shape of the triangles) or "other" (than auto takes), and good_deg: no optimisation above.
 Result, in the units of the job: nodes (n, 3), tets (m, 4); but for "dirty" also tags (n,) gmsh's numbers of the nodes, min_dihedral_deg, done (what
 ran, as text); brep also triangles (k, 3), face (k,) index of the STEP face of each, of curved solids (per_turn > 0) middles (k, 3, 3) of their edges
-01 12 20 on the face or its border, `coarser` than asked by, and face_centre, face_area of each STEP face, by which the caller proves the order.
+01 12 20 on the face or its border, `coarser` than asked by, per_turn as it came out, and face_centre, face_area of each STEP face, by which the
+caller proves the order.
 """
 
 from __future__ import annotations
@@ -136,7 +137,7 @@ def _run(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:
     kind = str(job["kind"])
     if kind == "brep":
         extra = _load_brep(gmsh, job)
-        algorithm, extra["coarser"] = _mesh_within_budget(gmsh, job)
+        algorithm, extra["coarser"], extra["per_turn"] = _mesh_within_budget(gmsh, job)
     else:
         extra = _load_surface(gmsh, job)
         algorithm = _mesh_volume(gmsh, str(job["algorithm"]))
@@ -158,25 +159,29 @@ def _run(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:
     return {"nodes": nodes, "tets": tets, "tags": tags, "min_dihedral_deg": worst, "done": np.array("+".join(done)), "error": np.array(""), **extra}
 
 
-def _mesh_within_budget(gmsh: Any, job: dict[str, Any]) -> tuple[int, float]:
-    """Mesh faces and volume; again and coarser while over the budget. Returns the algorithm and how much coarser than asked."""
-    coarser = 1.0
+def _mesh_within_budget(gmsh: Any, job: dict[str, Any]) -> tuple[int, float, float]:
+    """Mesh faces and volume; again while over the budget: coarser, and where that did not do, round faces hold the size down, so with fewer edges
+    round a circle (no fewer than half of those asked for). Returns the algorithm, how much coarser than asked, and the edges round a circle.
+    """
+    most, asked = float(job["max_size_mm"]) / float(job["size_mm"]), float(job["per_turn"])
+    coarser, per_turn = 1.0, asked
     for last in (False, False, False, True):
-        _set_sizes(gmsh, float(job["size_mm"]) * coarser, NARROW_FACTOR * coarser)
+        _set_sizes(gmsh, float(job["size_mm"]) * coarser, NARROW_FACTOR * coarser, per_turn)
         gmsh.model.mesh.generate(2)
         algorithm = _mesh_volume(gmsh, str(job["algorithm"]))
         nodes, tets, _ = _tets(gmsh)
         n_boundary = sum(len(t) for t in gmsh.model.mesh.getElements(2)[1])
         n_order_2 = 2 * len(nodes) + len(tets) + n_boundary // 2  # corners and edges; Euler on a ball: edges = nodes + tets + boundary / 2 - 1
         excess = max(n_order_2 / float(job["max_nodes"]), len(tets) / float(job["max_tets"]))
-        most = float(job["max_size_mm"]) / float(job["size_mm"])
-        if excess <= 1 or last or coarser >= most:
+        fewer = coarser > 1 and per_turn > asked / 2
+        if excess <= 1 or last or (coarser >= most and not fewer):
             break
-        coarser = min(coarser * 1.03 * excess**0.5, most)
+        step = 1.03 * excess**0.5
+        coarser, per_turn = (coarser, max(per_turn / step, asked / 2)) if fewer else (min(coarser * step, most), per_turn)
         gmsh.model.mesh.clear()
         for field in gmsh.model.mesh.field.list():
             gmsh.model.mesh.field.remove(field)
-    return algorithm, coarser
+    return algorithm, coarser, per_turn
 
 
 def _mesh_volume(gmsh: Any, name: str) -> int:
@@ -210,20 +215,20 @@ def _load_brep(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:
     for name, value in {"Mesh.MeshSizeMin": 0.0, "Mesh.MeshSizeExtendFromBoundary": 0, "Mesh.MeshSizeFromPoints": 0, "Mesh.Algorithm": 6}.items():
         gmsh.option.setNumber(name, value)
     faces = [tag for _, tag in gmsh.model.getEntities(2)]
-    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", float(job["per_turn"]))
     centre = np.array([gmsh.model.occ.getCenterOfMass(2, tag) for tag in faces]).reshape(-1, 3)
     area = np.array([gmsh.model.occ.getMass(2, tag) for tag in faces])
     return {"face_centre": centre, "face_area": area}
 
 
-def _set_sizes(gmsh: Any, size: float, factor: float) -> None:
-    """Element size `size`, but near narrow faces and short edges only `factor` times their width or length, growing back by GROWTH with distance.
+def _set_sizes(gmsh: Any, size: float, factor: float, per_turn: float) -> None:
+    """Element size `size`, round a circle `per_turn` edges, but near narrow faces and short edges only `factor` times their width or length, growing
+    back by GROWTH with distance.
 
     Without it a strip of width w beside elements of size h is filled with needles of w / h.
     """
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", per_turn)
     limit: dict[int, float] = {}
-    per_turn = gmsh.option.getNumber("Mesh.MeshSizeFromCurvature")
     for curve in gmsh.model.getEntities(1) if per_turn else []:  # as fine beside a round edge, or a straight one of a round face, as on it
         limit[curve[1]] = min(size, 2 * math.pi * _radius(gmsh, curve[1]) / per_turn)
     for face in gmsh.model.getEntities(2):

@@ -38,6 +38,12 @@ def test_cards_go_on_over_lines_and_forget_comments():
     assert cards[0].data == (("1", "5", "1"),) and missing_sets(cards) == ["N1 (*CLOAD)"]
 
 
+def test_a_set_that_holds_nothing_is_none():
+    deck = "*ELEMENT, TYPE=C3D4, ELSET=ALL\n1,1,2,3,4\n*NSET, NSET=TIP\n*NSET, NSET=BODY, ELSET=ALL\n*CLOAD\nTIP,3,-1.\nBODY,3,-1.\n"
+    assert missing_sets(cards_of(deck)) == ["TIP (*CLOAD)"]
+    assert missing_sets(cards_of(deck + "*NSET, NSET=TIP\n4\n")) == [] == missing_sets(cards_of(deck + "*NSET, NSET=TIP, INPUT=tip.txt\n"))
+
+
 def test_the_command(tmp_path, capsys):
     path = tmp_path / "model.inp"
     path.write_text(DECK)

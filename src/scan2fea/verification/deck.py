@@ -65,7 +65,7 @@ def deck_checks(text: str) -> tuple[Check, ...]:
 
 
 def missing_sets(cards: Sequence[Card]) -> list[str]:
-    """`NAME (CARD)` of every set or surface that a card uses and none defines."""
+    """`NAME (CARD)` of every set or surface that a card uses and none defines, or that is empty."""
     known = {"": "", **{name: name for name in _defined(cards)}}
     found = []
     for card in cards:
@@ -78,10 +78,12 @@ def missing_sets(cards: Sequence[Card]) -> list[str]:
 
 
 def _defined(cards: Sequence[Card]) -> set[str]:
+    """Names of what holds something: a set without a line is none, unless it is read from a file or made of the nodes of elements."""
     names = set()
     for card in cards:
         key = _DEFINES.get(card.word)
-        if key is not None and key in card.options:
+        from_elsewhere = "INPUT" in card.options or (card.word == "NSET" and "ELSET" in card.options)
+        if key is not None and key in card.options and (card.data or from_elsewhere):
             names.add(card.options[key])
     return names
 

@@ -120,6 +120,16 @@ def test_what_is_too_far_off_is_refused_with_the_figure():
     assert "off the surface (limit 0.0025 mm)" in found.reason
 
 
+def test_spikes_narrower_than_patches_are_told_before_all_is_parted():
+    """Single vertices pulled out of a ball: however small the tiles, no patch of three triangles follows them."""
+    mesh, limit = ball(5), 0.0005
+    up = np.arange(0, len(mesh.vertices), 200)
+    places = mesh.vertices.copy()
+    places[up] *= 1.05
+    found = patched_solid(TriangleMesh(vertices=places, faces=mesh.faces), spacing_m=4 * limit, noise_m=0.0)
+    assert found.brep is None and "places the surface turns more sharply" in found.reason
+
+
 def test_a_patch_that_turns_over_is_told():
     laid = quads(ball(4), 12)
     grids = laid.grids.copy()

@@ -32,6 +32,7 @@ KNOTS = np.concatenate([np.zeros(DEGREE), np.linspace(0, 1, SPANS + 1), np.ones(
 TILES, ROUNDS = 16, 20  # of the first cut; how often tiles are parted
 PIECES, RATE = 6, 0.7  # a tile falls into (distance / limit)^0.7 pieces: between the square of a curved surface's error and the root of a crease's
 TRIANGLES_A_PATCH = 3  # as many patches as triangles say nothing new
+LOST_TILES = 0.01  # of all: so many that have no more triangles and still do not hold are creases, or noise, sharper than any patch
 SAMPLED = 17  # points along a patch that are measured
 VOLUME_OFF = 0.005  # of the surface's: what verification takes
 FOLDED = 0.2  # cosine between a patch and the surface under it: less is a fold
@@ -80,6 +81,9 @@ def patched_solid(mesh: TriangleMesh, *, spacing_m: float, noise_m: float) -> Tr
         else:
             reason = f"{n} NURBS patches lie up to {found.off_m.max() * 1e3:.3g} mm off the surface (limit {limit * 1e3:.3g} mm), "
             reason += f"{int(found.is_folded.sum())} of them fold"
+        spent = (worst > limit) & (np.bincount(tiles.label) < TRIANGLES_A_PATCH * np.bincount(quads.tile))
+        if spent.sum() > LOST_TILES * len(worst):
+            return _none(f"{reason}; at {int(spent.sum())} places the surface turns more sharply than patches of {TRIANGLES_A_PATCH} triangles can")
         seeds = parted(web, tiles, np.where(worst > limit, np.clip(np.ceil((worst / limit) ** RATE), 2, PIECES), 1).astype(np.int64))
     return _none(reason)
 

@@ -4,18 +4,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from photographed import photographed
+from photographed import photographed, turned
 from predicates import assert_closed_manifold_oriented, assert_no_crossing, box, extruded, sphere, two_sided
 from scan2fea.kernel.measures import volume
 from scan2fea.reconstruction import reconstruct
 from scan2fea.reconstruction.budget import WALL_ENDS
-from scan2fea.reconstruction.gates_ranges import HALVES, PASSED, UNSEEN_VOLUME
+from scan2fea.reconstruction.gates_ranges import HALVES, PASSED, UNSEEN_VOLUME, closed_holes
 from scan2fea.reconstruction.hidden_volume import unseen_volume
 from scan2fea.reconstruction.isosurface import isosurface, rebuilt, spread
 from scan2fea.reconstruction.occupancy import Field, occupancy
 from scan2fea.reconstruction.range_fit import measured, range_fit
 from scan2fea.reconstruction.ranges import by_ranges, ray_sigma
 from scan2fea.reconstruction.raster import images_of
+from scan2fea.simulation.polyhedra import meshed, prism
 from scan2fea.types import PointCloud, Scan, TriangleMesh
 
 ANGLE = np.array([(0, 0), (0.6, 0), (0.6, 0.12), (0.12, 0.12), (0.12, 0.6), (0, 0.6)])
@@ -158,6 +159,19 @@ def test_wrong_empty_rays_are_told(angle):
     assert any(not check.passed for check in answer.checks)
 
 
+def test_a_hole_that_was_filled_is_told_by_the_rays_through_it():
+    """Of a plate with one hole scanned and none drawn; the plate as it is, and one whose hole lies half its width beside its place, keep theirs."""
+
+    def plate(x):
+        hole = np.array([[x, 0.27], [x, 0.33], [x + 0.06, 0.33], [x + 0.06, 0.27]])
+        return meshed(prism([[0, 0], [1, 0], [1, 0.6], [0, 0.6]], 0.05, [hole]))
+
+    mesh, points, _ = photographed(plate(0.47), 20, 0.01, seed=3)
+    images = images_of(points, np.arange(len(points)))
+    beside, filled = (turned(other, np.random.default_rng(3)) for other in (plate(0.5), box((1.0, 0.6, 0.05))))
+    assert [closed_holes(measured(m, images), images).passed for m in (mesh, beside, filled)] == [True, True, False]
+
+
 def test_a_surface_is_refused_whose_own_scan_comes_out_thicker_or_thinner(angle, monkeypatch):
     _, points, images = angle
     module = sys.modules[by_ranges.__module__]
@@ -169,7 +183,7 @@ def test_a_surface_is_refused_whose_own_scan_comes_out_thicker_or_thinner(angle,
         return replace(mesh, vertices=mesh.vertices * next(turns) ** (1 / 3)), n_parts
 
     monkeypatch.setattr(module, "_surface", thickened)
-    monkeypatch.setattr(module, "TRIES", (1.0,))
+    monkeypatch.setattr(module, "TRIES", ((1.0, 1.0),))
     (own,) = [check for check in by_ranges(points, images, SIGMA, 0).checks if check.name == "own image"]
     assert not own.passed and own.value == pytest.approx(0.03, abs=0.01)
     assert "volume (limit 1%)" in own.says

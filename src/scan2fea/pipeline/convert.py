@@ -123,6 +123,7 @@ def _surface(made: Made, source: Tracked[Part], config: Config, record: Record) 
         moved(made, f"repair: {step}", surface)
     moved(made, "repair", repaired.value.mesh)
     scale = {"spacing_m": made.spacing_m, "sigma_m": made.sigma_m if made.residual_m is None else made.residual_m}
+    scale["is_unbiased"] = made.residual_m is not None  # fitted to ranges
     source_mesh = Tracked(repaired.value.mesh, repaired.key)
     remeshed = record(
         "remesh", remesh, source_mesh, options=config.remeshing, extra=scale, n_in=len(source_mesh.value.faces), count=lambda r: len(r.mesh.faces)

@@ -30,7 +30,7 @@ from scan2fea.types import BoolArray, Check, FloatArray, TriangleMesh, Value
 
 FIRST_CELL = 1.7  # pixels: to find the area
 ROUGH_ROUNDS = 20
-TRIES = (1.0, 0.7, 1.3)  # of the cell, most likely first
+TRIES = ((1.0, 1.0), (0.7, 0.7**-2), (1.3, 1.3**-2), (0.7, 1.0))  # of the cell and the flatness, most likely first; the last closes least
 LEAST_NOISE = 0.05  # pixels
 REACH = 12.0  # edges in which the other face of a wall is looked for
 REBUILDS = 2
@@ -77,9 +77,9 @@ def by_ranges(points: FloatArray, images: Images, sigma_m: float, seed: int) -> 
     cell = cell_of(images, points, sigma, area(rough))
     best: Ranged | None = None
     reason = ""
-    for n, factor in enumerate(TRIES, start=1):
+    for n, (factor, flat) in enumerate(TRIES, start=1):
         try:
-            found = _tried(points, images, sigma, factor * cell, FLATNESS / factor**2, pixel, seed, n)
+            found = _tried(points, images, sigma, factor * cell, flat * FLATNESS, pixel, seed, n)
         except ReconstructionError as error:
             reason = str(error)
             continue

@@ -166,3 +166,15 @@ def one_piece_each(mesh: TriangleMesh, neighbours: Neighbours, labelled: Labelle
     out[on_plane] = packed
     old = label[on_plane[first]]
     return Labelled(label=out, normal=labelled.normal[old], offset=labelled.offset[old], loose=labelled.loose[old])
+
+
+def centred(mesh: TriangleMesh, neighbours: Neighbours, labelled: Labelled) -> Labelled:
+    """Each plane moved along its normal until its faces enclose as much as before: for a surface that bulges between the creases that it rounds."""
+    rows = np.flatnonzero(labelled.label >= 0)
+    name = labelled.label[rows]
+    normal = labelled.normal[name]
+    facing = neighbours.areas[rows] * np.einsum("ij,ij->i", neighbours.normals[rows], normal)
+    height = np.einsum("ij,ij->i", mesh.vertices[mesh.faces[rows]].mean(1), normal)
+    n = len(labelled.offset)
+    weight, total = np.bincount(name, facing, n), np.bincount(name, facing * height, n)
+    return replace(labelled, offset=np.where(weight > 0, total / np.where(weight > 0, weight, 1.0), labelled.offset))

@@ -20,6 +20,7 @@ from scan2fea.remeshing.find import find_planes
 from scan2fea.remeshing.folds import flattest_deg, meshable
 from scan2fea.remeshing.isotropic import RETRIES, Guide, closed, crease_guide, free_form, isotropic, opened, sharp_edges
 from scan2fea.remeshing.planes import Neighbours, scale_of
+from scan2fea.remeshing.regions import centred
 from scan2fea.remeshing.relax import near_places, relaxed
 from scan2fea.remeshing.relaxing import KINDS, relaxed_by
 from scan2fea.remeshing.sizing import CHORD, edge_goal
@@ -90,10 +91,14 @@ class _Aim:
         return replace(self, edge_m=FINER * self.edge_m, finest_m=FINER * self.finest_m, drift_m=FINER * self.drift_m)
 
 
-def remesh(mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spacing_m: float, sigma_m: float) -> Remeshed:
+def remesh(
+    mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spacing_m: float, sigma_m: float, is_unbiased: bool = False
+) -> Remeshed:
     """A surface of well shaped triangles that follows `mesh` within its noise.
 
-    spacing_m, sigma_m : of the points the surface was made from. Raises MeshingError if `mesh` is not closed, manifold and free of crossings.
+    spacing_m, sigma_m : of the points the surface was made from.   is_unbiased : it was fitted to ranges, so it bulges beside a crease by as much as
+    it rounds it off; else what it rounds off is missing, and comes back where planes are made to meet.
+    Raises MeshingError if `mesh` is not closed, manifold and free of crossings.
     """
     require(surface_topology(mesh).is_clean, MeshingError, "remeshing needs a closed manifold surface: repair it first")
     require(not len(self_intersections(mesh)), MeshingError, "remeshing needs a surface whose faces do not cross: repair it first")
@@ -105,7 +110,7 @@ def remesh(mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spac
     else:
         edge = options.edge_m or EDGE_SPACINGS * spacing_m
         finest, drift = min(spacing_m, edge), max(sigma_m, DRIFT * spacing_m, 4 * CHORD * (options.edge_m or 0.0))
-        found = _flat(mesh, options, spacing_m, sigma_m, edge)
+        found = _flat(mesh, options, spacing_m, sigma_m, edge, is_unbiased)
     crease_deg = CREASE_DEG if sigma_m < EXACT_SCAN * spacing_m else 180.0  # in noise every edge may be sharp
     aim = _Aim(edge_m=edge, finest_m=finest, drift_m=drift, crease_deg=crease_deg)
     result, taken_back, relaxed_how = _fit(found, aim, options)
@@ -119,7 +124,7 @@ def remesh(mesh: TriangleMesh, options: RemeshOptions = RemeshOptions(), *, spac
     planes = () if options.relax.endswith("free") else found.planes
     if planes and len(self_intersections(result)):
         # planes that cross each other in the noise: free form follows the surface without them
-        return remesh(mesh, replace(options, planes=False), spacing_m=spacing_m, sigma_m=sigma_m)
+        return remesh(mesh, replace(options, planes=False), spacing_m=spacing_m, sigma_m=sigma_m, is_unbiased=is_unbiased)
     moved = PointToMesh(result).nearest(mesh.vertices).distance
     return Remeshed(
         mesh=result,
@@ -190,14 +195,18 @@ def _even(flat: TriangleMesh, planes: tuple[Plane, ...], aim: _Aim, options: Rem
     return best, taken_back
 
 
-def _flat(mesh: TriangleMesh, options: RemeshOptions, spacing_m: float, sigma_m: float, edge_m: float) -> Flattened:
+def _flat(mesh: TriangleMesh, options: RemeshOptions, spacing_m: float, sigma_m: float, edge_m: float, is_unbiased: bool) -> Flattened:
     """`mesh` with its planes found and made flat, or as it is."""
     if not options.planes:
         region = np.full(len(mesh.faces), -1, np.int64)
         return Flattened(mesh=TriangleMesh(vertices=mesh.vertices, faces=mesh.faces, face_region=region), planes=(), n_undone=0)
     neighbours = Neighbours(mesh)
     scale = scale_of(mesh, neighbours, spacing_m, sigma_m)
-    return flattened(mesh, neighbours, find_planes(mesh, neighbours, scale), scale, edge_m)
+    labelled = find_planes(mesh, neighbours, scale)
+    flat = [flattened(mesh, neighbours, labelled, scale, edge_m)]
+    if is_unbiased:
+        flat.append(flattened(mesh, neighbours, centred(mesh, neighbours, labelled), scale, edge_m))
+    return min(flat, key=lambda found: abs(volume(found.mesh) / volume(mesh) - 1))
 
 
 def on_planes(mesh: TriangleMesh, planes: tuple[Plane, ...]) -> TriangleMesh:

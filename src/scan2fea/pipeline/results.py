@@ -227,7 +227,7 @@ def _budget(tets: TetMesh, how: Mapping[str, Any]) -> str:
     said = f"; it took {len(tets.tets)} elements, tetmeshing.max_elements is {how['max_elements']}" if how.get("over_budget") else ""
     if "full_per_turn" in how:
         fewer = f"circles have {how['per_turn']:.3g} edges for {how['full_per_turn']:g}"
-        said += f"; {fewer}: with more the mesh passes tetmeshing.max_elements or max_nodes by far"
+        said += f"; {fewer}: with more the mesh passes tetmeshing.max_elements or max_nodes"
     return said
 
 

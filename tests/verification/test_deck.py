@@ -3,17 +3,21 @@ import pytest
 from fea.bars import bar
 from scan2fea.cli.main import main
 from scan2fea.fea import build_model, write_inp
-from scan2fea.verification.deck import cards_of, deck_checks, missing_sets
+from scan2fea.pipeline.check_file import inspect_file
+from scan2fea.verification.cards import cards_of
+from scan2fea.verification.deck import missing_sets
 
 DECK = write_inp(build_model(bar((0.1, 0.1, 0.4), (1, 1, 3))))
 
 
-def failed(text):
-    return {c.name: c.says for c in deck_checks(text) if not c.passed}
+def failed(text, tmp_path):
+    path = tmp_path / "model.inp"
+    path.write_text(text)
+    return {c.name: c.says for c in inspect_file(path).checks if not c.passed}
 
 
-def test_our_deck_passes():
-    assert failed(DECK) == {}
+def test_our_deck_passes(tmp_path):
+    assert failed(DECK, tmp_path) == {}
 
 
 @pytest.mark.parametrize(
@@ -25,11 +29,11 @@ def test_our_deck_passes():
         ("*DENSITY", "*CONDUCTIVITY", "deck.materials", "MATERIAL has no density"),
         ("*ELASTIC", "*PLASTIC", "deck.materials", "MATERIAL is not elastic"),
         ("*STEP", "*STOP", "deck.steps", "0 steps"),
-        ("*BOUNDARY", "** nothing", "deck.unsupported", "holds nothing"),
+        ("*BOUNDARY", "** nothing", "deck.unsupported", "nothing holds it"),
     ],
 )
-def test_what_is_missing_is_named(old, new, name, says):
-    assert says in failed(DECK.replace(old, new))[name]
+def test_what_is_missing_is_named(old, new, name, says, tmp_path):
+    assert says in failed(DECK.replace(old, new), tmp_path)[name]
 
 
 def test_cards_go_on_over_lines_and_forget_comments():

@@ -14,7 +14,7 @@ from scan2fea.units import UNIT_SYSTEMS
 from scan2fea.verification.walls_and_bars import of_walls_and_bars
 
 HEAD = "*NODE\n1, 0., 0., 0.\n2, 1., 0., 0.\n3, 1., 1., 0.\n4, 0., 1., 0.\n5, 3., 0., 0.\n6, 4., 0., 0.\n"
-TAIL = "*MATERIAL, NAME=M\n*ELASTIC\n2e11, .3\n*SHELL SECTION, ELSET=E, MATERIAL=M\n.01\n*BOUNDARY\n1, 1, 6\n*STEP\n*STATIC\n*END STEP\n"
+TAIL = "*MATERIAL, NAME=M\n*ELASTIC\n2e11, .3\n*SHELL SECTION, ELSET=E, MATERIAL=M\n.01\n*BOUNDARY\n1, 1, 6\n5, 1, 6\n*STEP\n*STATIC\n*END STEP\n"
 
 
 def found(tmp_path, text):

@@ -1,4 +1,4 @@
-"""Abaqus and CalculiX decks in: nodes, tetrahedra C3D4 and C3D10, shells S3 to S8 and beams B31 and B32, of one part."""
+"""Abaqus and CalculiX decks in: nodes, tetrahedra C3D4 and C3D10, shells S3 to S8, beams B31 and B32, springs and masses, of one part."""
 
 from __future__ import annotations
 
@@ -25,6 +25,8 @@ _CELLS = {
     **{name: ("quad8", 8) for name in ("S8", "S8R", "S8R5")},
     **{name: ("line", 2) for name in ("B31", "B31R", "B31H", "B31OS")},
     **{name: ("line3", 3) for name in ("B32", "B32R", "B32H", "B32OS")},
+    **{name: ("point", 1) for name in ("MASS", "ROTARYI", "SPRING1", "DASHPOT1")},
+    **{name: ("pair", 2) for name in ("SPRING2", "SPRINGA", "DASHPOT2", "DASHPOTA", "CONN3D2", "GAPUNI")},
 }
 _KEYWORD = rb"^\*(NODE|ELEMENT|INCLUDE)\b(?!\s*(?:FILE|PRINT|OUTPUT|RESPONSE))([^\n]*)\n"
 _BLOCK = re.compile(_KEYWORD + rb"((?:[^*][^\n]*\n?|\n)*)", re.IGNORECASE | re.MULTILINE)
@@ -38,6 +40,7 @@ def read_inp(path: Path, size: int) -> Blocks:
     content = re.sub(rb"^\*\*[^\n]*\n", b"", content if content.endswith(b"\n") else content + b"\n", flags=re.MULTILINE)
     nodes: list[FloatArray] = []
     cells: list[tuple[str, Array]] = []
+    cell_numbers: list[Array] = []
     for keyword, options, data in _BLOCK.findall(content):
         word = keyword.upper()
         other = re.search(rb"INPUT\s*=\s*([^,\n]+)", options, re.IGNORECASE)
@@ -54,14 +57,16 @@ def read_inp(path: Path, size: int) -> Blocks:
             name = kind.group(1).decode().upper() if kind else "(none)"
             require(name in _CELLS, FormatError, f"{path} has elements {name}: {', '.join(_CELLS)} are read")
             shape, width = _CELLS[name]
-            cells.append((shape, _numbers(path, data, 1 + width, name)[:, 1:].astype(np.int64)))
+            table = _numbers(path, data, 1 + width, name).astype(np.int64)
+            cells.append((shape, table[:, 1:]))
+            cell_numbers.append(table[:, 0])
     require(nodes and cells, FormatError, f"{path} has {len(nodes)} blocks *NODE and {len(cells)} *ELEMENT: it is no mesh")
-    table = np.concatenate(nodes)
-    order = np.argsort(table[:, 0], kind="stable")
-    numbers = table[order, 0].astype(np.int64)
+    placed = np.concatenate(nodes)
+    order = np.argsort(placed[:, 0], kind="stable")
+    numbers = placed[order, 0].astype(np.int64)
     require(not bool((np.diff(numbers) == 0).any()), FormatError, f"{path} numbers nodes twice: a deck of several parts is not read")
     blocks = tuple((shape, _found(numbers, block), np.zeros(len(block), np.int64)) for shape, block in cells)
-    return Blocks(path=path, nodes=table[order, 1:], cells=blocks, names={})
+    return Blocks(path=path, nodes=placed[order, 1:], cells=blocks, names={}, node_numbers=numbers, cell_numbers=tuple(cell_numbers))
 
 
 def _found(numbers: Array, block: Array) -> Array:

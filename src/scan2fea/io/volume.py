@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -25,13 +25,15 @@ class Blocks(Value):
 
     cells : (kind, (m, k) node rows, (m,) tag) with kind "tet", "tet10", "triangle", "triangle6", "quad", "quad8", "line", "line3" or "point"; tets in
     VTK order, the nodes of a line along it.
-    names : tag of triangles -> its name.
+    names : tag of triangles -> its name.   node_numbers, cell_numbers : those of the file, of nodes and of the cells of each block; decks alone.
     """
 
     path: Path
     nodes: FloatArray
     cells: tuple[tuple[str, Array, Array], ...]
     names: Mapping[int, str]
+    node_numbers: Array = field(default_factory=lambda: np.zeros(0, np.int64))
+    cell_numbers: tuple[Array, ...] = ()
 
 
 def mesh_of(blocks: Blocks, scale: float) -> TriangleMesh | TetMesh:

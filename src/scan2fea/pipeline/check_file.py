@@ -14,6 +14,7 @@ from scan2fea.io.inp import read_inp
 from scan2fea.io.volume import mesh_of, require_sound
 from scan2fea.units import UNIT_SYSTEMS
 from scan2fea.verification.deck import deck_checks
+from scan2fea.verification.deck_sets import DeckMesh
 from scan2fea.verification.inspect import Inspection, inspect
 from scan2fea.verification.step import step_checks
 from scan2fea.verification.walls_and_bars import of_walls_and_bars
@@ -42,7 +43,9 @@ def _of_deck(path: Path) -> Inspection:
         found = of_walls_and_bars(blocks.nodes * metres, [(kind, rows) for kind, rows, _ in blocks.cells])
     else:
         found = inspect(mesh_of(blocks, metres))
-    return replace(found, checks=(*found.checks, *deck_checks(text)))
+    cells = tuple((kind, rows) for kind, rows, _ in blocks.cells)
+    mesh = DeckMesh(nodes=blocks.nodes, numbers=blocks.node_numbers, cells=cells, cell_numbers=blocks.cell_numbers)
+    return replace(found, checks=(*found.checks, *deck_checks(text, mesh)))
 
 
 def _of_step(path: Path) -> Inspection:

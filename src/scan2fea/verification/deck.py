@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
-from scan2fea.types import Check, Value
-from scan2fea.verification.limits import at_least, at_most, holds
+from scan2fea.types import Check
+from scan2fea.verification.cards import Card, cards_of
+from scan2fea.verification.deck_sets import DeckMesh
+from scan2fea.verification.deck_supports import Supports, supports_of
+from scan2fea.verification.limits import at_least, holds
 
 _DEFINES = {
     **dict.fromkeys(("NSET", "NODE", "NGEN", "NFILL"), "NSET"),
@@ -17,42 +20,8 @@ _DEFINES = {
 _NAME = r"[A-Za-z_][\w.\-]*"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Card(Value):
-    """word : upper case, without the star.   options : by upper-case name, values upper case.   data : its lines, split at commas."""
-
-    word: str
-    options: dict[str, str]
-    data: tuple[tuple[str, ...], ...]
-
-
-def cards_of(text: str) -> tuple[Card, ...]:
-    """The cards of a deck in order; comments and empty lines are left out, card lines that end with a comma go on."""
-    cards: list[tuple[str, list[tuple[str, ...]]]] = []
-    for raw in text.splitlines():
-        line = raw.strip()
-        if not line or line.startswith("**"):
-            continue
-        if line.startswith("*"):
-            cards.append((line, []))
-        elif cards and cards[-1][0].endswith(",") and not cards[-1][1]:
-            cards[-1] = (cards[-1][0] + line, [])
-        elif cards:
-            cards[-1][1].append(tuple(word.strip() for word in line.split(",")))
-    return tuple(_card(head, data) for head, data in cards)
-
-
-def _card(head: str, data: Sequence[tuple[str, ...]]) -> Card:
-    words = [word.strip() for word in head[1:].split(",")]
-    options = {}
-    for word in words[1:]:
-        key, _, value = word.partition("=")
-        options[key.strip().upper()] = value.strip().strip('"').upper()
-    return Card(word=re.sub(r"\s+", " ", words[0].upper()), options=options, data=tuple(data))
-
-
-def deck_checks(text: str) -> tuple[Check, ...]:
-    """Steps, materials with what the steps need of them, sets that exist, supports."""
+def deck_checks(text: str, mesh: DeckMesh) -> tuple[Check, ...]:
+    """Steps, materials with what the steps need of them, sets that exist, supports that hold every part in each step that needs it."""
     cards = cards_of(text)
     missing = missing_sets(cards)
     weak = _materials_without(cards)
@@ -60,8 +29,16 @@ def deck_checks(text: str) -> tuple[Check, ...]:
         at_least("deck.steps", sum(card.word == "STEP" for card in cards)),
         holds("deck.materials", not weak, "; ".join(weak) or "all defined"),
         holds("deck.sets", not missing, ", ".join(missing[:8]) or "all defined"),
-        at_most("deck.unsupported", int(not any(card.word in ("BOUNDARY", "INERTIA RELIEF") for card in cards))),
+        _held(supports_of(cards, mesh)),
     )
+
+
+def _held(supports: Supports) -> Check:
+    free = "; ".join(supports.free)
+    if free and supports.unread:
+        return holds("deck.unsupported", True, f"not told: {', '.join(supports.unread)} may hold it; without: {free}")
+    told = holds("deck.unsupported", not free, free or ("all held" if supports.n_steps else "no step needs supports"))
+    return told if told.passed else replace(told, value="free")
 
 
 def missing_sets(cards: Sequence[Card]) -> list[str]:

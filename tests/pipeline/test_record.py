@@ -1,5 +1,6 @@
 import numpy as np
 
+from scan2fea.pipeline import record
 from scan2fea.pipeline.config import RunOptions
 from scan2fea.pipeline.record import Record, Tracked
 from scan2fea.types import PointCloud, Rays, Scan
@@ -15,22 +16,32 @@ CLOUD = PointCloud.of([[1, 2, 3], [4, 5, 6]])
 
 
 def run(folder, *, resume, key="k", seed=0):
-    record = Record(folder, resume=resume)
-    return record("double it", double, Tracked(CLOUD, key), options=RunOptions(seed=seed), n_in=2, count=len), record
+    own = Record(folder, resume=resume)
+    return own("double it", double, Tracked(CLOUD, key), options=RunOptions(seed=seed), n_in=2, count=len), own
 
 
 def test_result_is_kept_for_the_same_key_only(tmp_path):
     double.calls = 0
     first, _ = run(tmp_path, resume=False)
-    again, record = run(tmp_path, resume=True)
+    again, kept = run(tmp_path, resume=True)
     assert double.calls == 1
     assert np.array_equal(again.value.points, first.value.points)
     assert again.key == first.key
-    assert record.stages[0]["n_out"] == 2
+    assert kept.stages[0]["n_out"] == 2
     run(tmp_path, resume=True, key="other")
     run(tmp_path, resume=True, seed=1)
     run(tmp_path, resume=False)
     assert double.calls == 4
+
+
+def test_what_another_program_made_is_made_again(tmp_path, monkeypatch):
+    assert len(record.program()) == 64
+    run(tmp_path, resume=False)
+    double.calls = 0
+    monkeypatch.setattr(record, "program", lambda: "another")
+    run(tmp_path, resume=True)
+    run(tmp_path, resume=True)
+    assert double.calls == 1
 
 
 def test_damaged_result_is_made_again(tmp_path):

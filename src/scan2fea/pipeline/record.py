@@ -1,22 +1,24 @@
 """Every stage call goes through a Record: it times and counts it, writes the log, and keeps the result so that `--resume` need not repeat it.
 
-A value is known by the key of how it was made: the hash of the version, the stage, its options and the keys of what went in. The same key
+A value is known by the key of how it was made: the hash of the program, the stage, its options and the keys of what went in. The same key
 means the same bytes, so a kept result is as good as a new one.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import json
 import os
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, is_dataclass
+from importlib import metadata
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from scan2fea import __version__
+import scan2fea
 from scan2fea.errors import Scan2FeaError, StageError
 from scan2fea.io.artifacts import load, save
 from scan2fea.pipeline.config import as_tree
@@ -28,6 +30,8 @@ Say = Callable[[Mapping[str, Any]], None]  # receives each event: the CLI's prog
 KEEP = ".scan2fea"  # folder inside OUT for what --resume reads
 RESULT, ENDED = "result.json", "ended.json"  # of each object in there: its row and stages; how its process ended before its time
 FORKS = hasattr(os, "fork")  # else each object has a worker of its own
+OURS = (".py", ".toml", ".csv", ".npz")
+LIBRARIES = ("numpy", "scipy", "numba", "PyMaxflow", "gmsh", "cadquery-ocp-novtk", "pytetwild", "pyamg", "opencv-python-headless", "pycolmap")
 LEFT = "left"  # event: an object's process has ended, with its exit code
 
 
@@ -48,9 +52,22 @@ class Tracked(Generic[T]):
     key: str
 
 
+@functools.cache
+def program() -> str:
+    """Hash of our own files and of the versions of the libraries that results depend on: what another program made is made again."""
+    root = Path(scan2fea.__file__).parent
+    digest = hashlib.sha256(scan2fea.__version__.encode())
+    for path in sorted(p for p in root.rglob("*") if p.suffix in OURS):
+        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    for name in LIBRARIES:
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            digest.update(f"{name} {metadata.version(name)}\0".encode())
+    return digest.hexdigest()
+
+
 def key_of(*parts: Any) -> str:
-    """sha256 over JSON-able parts."""
-    text = json.dumps([__version__, *parts], sort_keys=True, default=str)
+    """sha256 over JSON-able parts and the program."""
+    text = json.dumps([program(), *parts], sort_keys=True, default=str)
     return hashlib.sha256(text.encode()).hexdigest()
 
 

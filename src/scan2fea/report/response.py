@@ -17,15 +17,18 @@ from scan2fea.report.render import Shape, render
 from scan2fea.report.solids import WORST_COLOUR, Solid
 from scan2fea.report.words import NOT_KNOWN, PAGE_UNITS, check_name, count, is_number, measure_name, number, percent, quantity, with_deviation
 from scan2fea.units import MILLIMETRES_PER_METRE
+from scan2fea.verification.limits import limits as bounds
 from scan2fea.verification.response import MEMBER_CHECKS
 
 Row = Mapping[str, Any]
 QUANTILE = 0.99  # of the nodes away from singular places: the end of the scale
 LISTED_SETS = 40
+DUST, SHOWN_NORMAL = 1e-6, 0.01  # of the largest coordinate; the last digit of a normal that is shown
 SHELL = "shell_"  # begins the names of the cases that a model of shells was solved for
 # check, cases, measures: the check whose limit their relative error has to keep
 JUDGED = (
     ("response.weight", ("self_weight",), ("reaction_n",)),
+    ("response.weight", ("mass",), ("mass_kg",)),
     ("response.energy", ("self_weight",), ("strain_energy_j",)),
     ("response.rigid_modes", ("modal",), ("rigid_max_hz",)),
     *MEMBER_CHECKS,
@@ -69,7 +72,7 @@ def _three_models(cases: Sequence[Row]) -> Html:
 
 
 def _case_row(case: Row, limits: Row) -> list[Any]:
-    """limits : of the checks of the object, by name: the verdict is theirs; a case that no check looks at has none."""
+    """limits : of the checks of the object, by name: the verdict is theirs; what no check looks at is compared alone."""
     unit = str(case.get("unit") or "")
     return [
         f"{check_name(case.get('name'))}: {measure_name(case.get('measure'))}",
@@ -82,12 +85,26 @@ def _case_row(case: Row, limits: Row) -> list[Any]:
 
 def _verdict(case: Row, limits: Row) -> Html | str:
     name, measure, error = str(case.get("name")), str(case.get("measure")), case.get("relative_error")
+    if measure.endswith("discretisation") and is_number(case.get("value")):
+        return _refinement(float(case["value"]))
     limit = next((limits.get(check) for check, cases, measures in JUDGED if name in cases and measure in measures), None)
-    if not is_number(error) or not is_number(limit):
+    if not is_number(error):
         return NOT_KNOWN
+    if not is_number(limit):
+        return "compared, not checked"
+    return _against(error, limit)
+
+
+def _against(error: float, limit: float) -> Html:
     good = error <= limit
     sign, relation = ("\u2713", "\u2264") if good else ("\u2717", ">")
     return tag("span", f"{sign} {relation} {number(100 * limit)} %", class_="good" if good else "bad")
+
+
+def _refinement(change: float) -> Html:
+    """What a better solution on the same elements would change: accepted, told, or more than the answer should be trusted to."""
+    row = bounds()["told.discretisation"]
+    return _against(change, row["accept"] if change <= row["accept"] else row["limit"])
 
 
 def _with_std(case: Row) -> str:
@@ -127,8 +144,9 @@ def _sets(fea: Row) -> Html:
     """Names for fea.supports and fea.loads."""
     rows = []
     for row in (fea.get("sets") or [])[:LISTED_SETS]:
-        centre = ", ".join(number(x * MILLIMETRES_PER_METRE) for x in row.get("centre_m") or [])
-        normal = ", ".join(number(x, 2) for x in row.get("normal") or [])
+        place = [x * MILLIMETRES_PER_METRE for x in row.get("centre_m") or []]
+        centre = ", ".join(number(x) for x in _without_dust(place, DUST * max(map(abs, place), default=0.0)))
+        normal = ", ".join(number(x, 2) for x in _without_dust(row.get("normal") or [], SHOWN_NORMAL / 2))
         area = f"{number(row['area_m2'] * 1e6)} mm\u00b2" if is_number(row.get("area_m2")) else number(None)
         cells = (figure_cell(area, "area"), figure_cell(centre, "centroid, mm"), figure_cell(normal, "mean normal"))
         rows.append([tag("code", str(row.get("name"))), *cells])
@@ -136,6 +154,11 @@ def _sets(fea: Row) -> Html:
         return NOTHING
     told = "Put these names into fea.supports and fea.loads and run again with --resume: only the solution is made anew."
     return tag("div", tag("h4", "Sets of faces"), table(("set", "area", "centroid, mm", "mean normal"), rows), tag("p", told), class_="block")
+
+
+def _without_dust(values: Sequence[float], least: float) -> list[float]:
+    """What is smaller than `least` is zero: rounding has its size."""
+    return [x if abs(x) >= least else 0.0 for x in values]
 
 
 def stress_figure(solid: Solid, camera: Camera) -> Figure | None:

@@ -6,27 +6,14 @@ import contextlib
 import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
-import scan2fea
-from scan2fea import __version__
 from scan2fea.errors import Scan2FeaError
 from scan2fea.io.artifacts import load, save
 from scan2fea.pipeline.record import key_of
 
 T = TypeVar("T")
-
-
-@cache
-def code_key() -> str:
-    """Hash of the program itself: what was made by another program is made again."""
-    root = Path(scan2fea.__file__).parent
-    digest = hashlib.sha256(__version__.encode())
-    for path in sorted(p for p in root.rglob("*") if p.suffix in {".py", ".toml", ".csv"}):
-        digest.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
-    return digest.hexdigest()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +44,7 @@ class Bench:
 
     def kept(self, name: str, make: Callable[[], T], *depends: Any) -> T:
         """`make()` once per name and what it depends on: from memory, else from disk, else made. A failure is told again without another try."""
-        key = key_of("thesis", name, code_key(), self.options.tree(), *depends)
+        key = key_of("thesis", name, self.options.tree(), *depends)
         if key in self._failed:
             raise self._failed[key]
         if key not in self._memory:

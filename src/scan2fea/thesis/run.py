@@ -17,7 +17,7 @@ from scan2fea.errors import Scan2FeaError, UsageError, require
 from scan2fea.io import write_text
 from scan2fea.io.files import write_bytes
 from scan2fea.pipeline.record import key_of
-from scan2fea.thesis.bench import Bench, ThesisOptions, code_key
+from scan2fea.thesis.bench import Bench, ThesisOptions
 from scan2fea.thesis.canvas import told
 from scan2fea.thesis.chores import Workers, done, in_turn
 from scan2fea.thesis.experiment import Cell, Experiment, Made, Table
@@ -105,7 +105,7 @@ def _made(experiment: Experiment, bench: Bench) -> Made:
 
 
 def _key(experiment: Experiment, options: ThesisOptions) -> str:
-    return key_of("experiment", experiment.id, code_key(), options.tree())
+    return key_of("experiment", experiment.id, options.tree())
 
 
 def _names(experiment: Experiment) -> tuple[str, str]:

@@ -45,7 +45,7 @@ def response_checks(model: FEModel, result: FEResult) -> tuple[Check, ...]:
 
 MEMBER_CHECKS = (
     ("response.member_deflection", ("tension", "bend_x", "bend_y"), ("tip_x_m", "tip_y_m", "tip_z_m")),
-    ("response.member_twist", ("torsion",), ("twist_rad",)),
+    ("response.member_twist", ("torsion", "bend_x", "bend_y"), ("twist_rad",)),
     ("response.member_frequency", ("modal",), ("f7_hz",)),
 )
 

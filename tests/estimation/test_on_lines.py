@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from scan2fea.estimation.fit import fit_section
 from scan2fea.estimation.member import MemberOptions, fit_member
 from scan2fea.estimation.on_lines import lines, sections_on_lines
 from scan2fea.estimation.plausible import implausible_price
@@ -70,6 +71,15 @@ def test_one_direction_tells_the_wall_of_both_legs():
     xy += 3e-4 * rng.normal(size=xy.shape)
     values = sections_on_lines(xy, "L", 0.0, 3e-4)[0][0]
     assert values == pytest.approx([0.152, 0.102, 0.0159], abs=5e-4)
+
+
+def test_three_outer_faces_are_a_tube_s_as_well_as_a_bar_s():
+    """The bar had a belief of 0.9997."""
+    rng = np.random.default_rng(10)
+    xy = outline("RHS", 20_000, rng, hidden=("TOP_OUTER", "TOP_INNER", "BOTTOM_INNER", "LEFT_INNER", "RIGHT_INNER"))
+    xy = xy + 5e-4 * rng.normal(size=xy.shape)
+    fit = fit_section(np.column_stack([xy, rng.uniform(0, 1.5, len(xy))]), z_range=(0.0, 1.5))
+    assert 0.2 < fit.families["RHS"] < 0.8 and 0.2 < fit.families["rect"] < 0.8
 
 
 def test_round_sections_and_flats_have_none():

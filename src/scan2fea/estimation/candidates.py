@@ -106,7 +106,7 @@ def search(scene: Scene, families: Sequence[str], *, may_hide: bool = True, seed
     found += [solid] if solid is not None and solid.family in families else []
     if may_hide:
         plain = min(found, key=lambda c: c.bic)
-        found += [tube for tube in [_tube_of(scene, plain)] if tube is not None and tube.family in families]
+        found += _tube_of(scene, plain, families)
         limit = plain.bic + _MARGIN * len(scene.points) / len(scene.first)
         explored = [c for c in found if c.bic <= limit or c is solid]
         for candidate in explored:
@@ -115,6 +115,8 @@ def search(scene: Scene, families: Sequence[str], *, may_hide: bool = True, seed
             for candidate in _half_seen(scene, begun, {c.family for c in explored}):
                 found += hidden_faces(scene, candidate)
         found += _on_lines(scene, min(found, key=lambda c: c.bic), families)
+        bar = min((c for c in found if c.family == "rect"), key=lambda c: c.bic, default=plain)
+        found += _tube_of(scene, bar, families) if bar is not plain else []
     return sorted(found, key=lambda c: c.bic)
 
 
@@ -212,30 +214,34 @@ def _solid_of(scene: Scene, best: Candidate) -> Candidate | None:
     return candidate_of(scene, model, annealed(model, theta, scene.size_m, fixed=scene.held(layout)))
 
 
-def _tube_of(scene: Scene, bar: Candidate) -> Candidate | None:
+def _tube_of(scene: Scene, bar: Candidate, families: Sequence[str]) -> list[Candidate]:
     """The tube that looks like a bar from outside, its wall a usual one: no point tells of it, and as many tubes as bars are seen that way."""
-    tube = {"round": "CHS", "rect": "RHS"}.get(bar.family)
-    if tube is None:
-        return None
-    layout, old = Layout(family=tube), bar.layout
-    theta = np.array([old.get(bar.theta, name) for name in layout.names])
+    tube, old = {"round": "CHS", "rect": "RHS"}.get(bar.family, ""), bar.layout
     outer = old.values(bar.theta)
-    if outer.max() > _FLATTEST_TUBE * outer.min():
-        return None
+    if tube not in families or outer.max() > _FLATTEST_TUBE * outer.min():
+        return []
+    layout = Layout(family=tube)
+    theta = np.array([old.get(bar.theta, name) for name in layout.names])
     if tube == "RHS":
         theta[layout.place["h"]] = old.get(bar.theta, "t")
     wall = usual_wall(outer)
     theta[layout.place["t"]] = wall
-    weight = np.array([0.0 if name.endswith("INNER") else 1.0 for name in faces(tube)])
+    weight = _of_outside(scene, tube, bar)
     model = scene.model(layout, bar.noise, weight)
     done = climbed(model, theta, scene.size_m, fixed={**scene.held(layout), "t": wall})
-    return candidate_of(scene, model, done, 2 * math.log(2))
+    return [candidate_of(scene, model, done, bar.price + len(old.free_faces) * math.log(len(scene.points)) + 2 * math.log(2))]
+
+
+def _of_outside(scene: Scene, tube: str, bar: Candidate) -> FloatArray:
+    """(f,) weights of a tube's faces where its outer ones are those of the bar and no inner one was seen; what the bar had to choose is its price."""
+    seen = scene.model(bar.layout, bar.noise, bar.face_weight).weights(bar.theta)
+    outer = dict.fromkeys(faces(bar.family), 1.0) if seen is None else dict(zip(faces(bar.family), (seen / seen.max()).tolist(), strict=True))
+    return np.array([0.0 if name.endswith("INNER") else outer.get(name.removesuffix("_OUTER"), 1.0) for name in faces(tube)])
 
 
 def _outer_only(family: str, weight: FloatArray) -> bool:
     """Whether these are the weights of a tube of which no inner face was seen."""
-    inner = [w for name, w in zip(faces(family), weight, strict=True) if name.endswith("INNER")]
-    return family in ("RHS", "CHS") and not any(w > 0 for w in inner)
+    return family in ("RHS", "CHS") and not any(w > 0 for name, w in zip(faces(family), weight, strict=True) if name.endswith("INNER"))
 
 
 def candidate_of(scene: Scene, model: SectionModel, done: Scored, price: float = 0.0) -> Candidate:

@@ -16,6 +16,7 @@ from scan2fea.estimation.anneal import climbed, walls
 from scan2fea.estimation.arc import Arc, seen_arc
 from scan2fea.estimation.candidates import Candidate, Scene, near_again, posterior, scene_of, search, with_likeliest_noise, with_noise
 from scan2fea.estimation.canonical import canonical, turned_weight
+from scan2fea.estimation.cap_odds import bar_log_odds
 from scan2fea.estimation.end_view import end_view
 from scan2fea.estimation.ends import rough_ends
 from scan2fea.estimation.face_weights import seen_weights
@@ -265,7 +266,8 @@ def _with_ends(points: FloatArray, found: list[Candidate], ends: tuple[float, fl
     """Bars weighed by what the ends show: only they have caps that are full."""
     weighed = []
     for c in found:
-        gain = 2 * end_view(points, c, ends, z_range).log_odds if c.family in _BARS else 0.0
+        view = end_view(points, c, ends, z_range) if c.family in _BARS else None
+        gain = 0.0 if view is None else 2 * bar_log_odds(view.n_core, view.n_elsewhere, view.n_cap)
         weighed.append(replace(c, bic=c.bic - gain, price=c.price - gain))
     return sorted(weighed, key=lambda c: c.bic)
 

@@ -167,7 +167,7 @@ def _after_ray_noise(scan: Scan, points: FloatArray, found: MemberFit, seed: int
 def _tube_for(points: FloatArray, found: MemberFit, options: MemberOptions, families: tuple[str, ...], covers: Covers) -> MemberFit:
     """Where the ends are seen to be open and no inner face was seen, the tube with the outer faces of the bar that looks the same."""
     family = TUBE_OF.get(found.member.family, found.member.family)
-    doubtful = found.member.family in TUBE_OF or found.why.get("t") == BLENDED
+    doubtful = found.member.family in TUBE_OF or found.why.get("t") == BLENDED or _partly_from_outside(found.member)
     if not doubtful or family not in BAR_OF or family not in families or inside_of(points, found.member) != HOLLOW:
         return found
     bar = BAR_OF[family]
@@ -176,6 +176,13 @@ def _tube_for(points: FloatArray, found: MemberFit, options: MemberOptions, fami
         return found
     known = {**found.member.families, family: found.member.families.get(family, 0.0)}
     return dataclasses.replace(tube, member=dataclasses.replace(tube.member, families=hollow(family, known)))
+
+
+def _partly_from_outside(member: Member) -> bool:
+    """Whether of a tube no inner face was seen, nor each outer one: the rings of its ends may tell a hidden one, but not with a wall of chance."""
+    inner = [share for name, share in member.seen.items() if name.endswith("INNER")]
+    outer = [share for name, share in member.seen.items() if name.endswith("OUTER")]
+    return member.family == "RHS" and max(inner) < SEEN and min(outer) < SEEN
 
 
 def _may_change(found: MemberFit, fixed: Mapping[str, float]) -> bool:

@@ -11,7 +11,7 @@ import numpy as np
 
 from scan2fea.types import BoolArray, FEModel, FloatArray, IntArray, TetMesh, Value
 
-REENTRANT_DEG = 20.0  # beyond a straight angle: chords of a circle of 18 or more are no corner
+REENTRANT_DEG = 20.0  # beyond a straight angle: chords of a circle of 18 or more, of facets or TET4, are no corner
 TIP_SR = 0.3  # solid angle below which a corner of the surface is a tip (an eighth of space is 1.57)
 
 
@@ -50,24 +50,35 @@ def outside_ring(mesh: TetMesh, singular: Singular) -> BoolArray:
 
 
 def edge_angles(mesh: TetMesh) -> tuple[IntArray, FloatArray]:
-    """((e, 2) corner nodes of each edge of the surface, (e,) by how much its faces turn, radians: positive outward, negative re-entrant)."""
+    """((e, 2) corner nodes of each edge of the surface, (e,) by how much its faces turn, radians: positive outward, negative re-entrant).
+
+    At the middle of the edge: faces of TET10 are curved, so that a smooth hole has no edges however few it is made of.
+    """
     corner = mesh.boundary[:, :3]
-    p = mesh.nodes[corner]
-    normal = np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0])
-    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
     sides = np.concatenate([corner[:, [0, 1]], corner[:, [1, 2]], corner[:, [2, 0]]])
-    owner = np.tile(np.arange(len(corner)), 3)
+    normals = np.concatenate([_normal_beside(mesh, k) for k in range(3)])
     n = len(mesh.nodes)
     low, high = np.sort(sides, axis=1).T
     order = np.argsort(low * n + high, kind="stable")
     key = (low * n + high)[order]
     first = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]) & np.concatenate([key[1:] == key[:-1], [False]]))
     one, two = order[first], order[first + 1]
-    a, b = normal[owner[one]], normal[owner[two]]
+    a, b = normals[one], normals[two]
     along = mesh.nodes[sides[one, 1]] - mesh.nodes[sides[one, 0]]
     along /= np.maximum(np.linalg.norm(along, axis=1), 1e-300)[:, None]
     turn = np.arctan2(np.einsum("ec,ec->e", np.cross(a, b), along), np.einsum("ec,ec->e", a, b))
     return np.sort(sides[one], axis=1), turn
+
+
+def _normal_beside(mesh: TetMesh, side: int) -> FloatArray:
+    """(k, 3) unit normal of each boundary face at the middle of its side 01, 12 or 20; of faces with six nodes by their shape functions."""
+    i, j, k = side, (side + 1) % 3, (side + 2) % 3
+    x = mesh.nodes[mesh.boundary]
+    along, inward = x[:, j] - x[:, i], x[:, k] - (x[:, i] + x[:, j]) / 2
+    if x.shape[1] == 6:  # nodes 3, 4, 5 lie between 01, 12, 20
+        inward = 2 * (x[:, 3 + j] + x[:, 3 + k] - x[:, 3 + i]) - x[:, k] - (x[:, i] + x[:, j]) / 2
+    normal = np.cross(along, inward)
+    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None])
 
 
 def _solid_angles(mesh: TetMesh) -> FloatArray:

@@ -9,17 +9,20 @@ from pathlib import Path
 from scan2fea.cad.readback import read_back
 from scan2fea.errors import CadError, InputError, require
 from scan2fea.io import read_mesh
+from scan2fea.io.bdf import read_bdf
 from scan2fea.io.files import existing_file
 from scan2fea.io.inp import read_inp
 from scan2fea.io.volume import mesh_of, require_sound
 from scan2fea.units import UNIT_SYSTEMS
+from scan2fea.verification.cards import cards_of
 from scan2fea.verification.deck import deck_checks
 from scan2fea.verification.deck_sets import DeckMesh
 from scan2fea.verification.inspect import Inspection, inspect
+from scan2fea.verification.nastran import cards_of_nastran
 from scan2fea.verification.step import step_checks
 from scan2fea.verification.walls_and_bars import of_walls_and_bars
 
-STEP_SUFFIXES = (".step", ".stp")
+STEP_SUFFIXES, NASTRAN_SUFFIXES = (".step", ".stp"), (".bdf", ".nas")
 LARGEST = 1 << 29  # bytes of a STEP file
 
 
@@ -28,24 +31,28 @@ def inspect_file(path: Path) -> Inspection:
     suffix = path.suffix.lower()
     if suffix in STEP_SUFFIXES:
         return _of_step(path)
-    return _of_deck(path) if suffix == ".inp" else inspect(read_mesh(path))
+    return _of_deck(path) if suffix in (".inp", *NASTRAN_SUFFIXES) else inspect(read_mesh(path))
 
 
 def _of_deck(path: Path) -> Inspection:
-    """Of solids as their mesh; of shells and beams (sections that say so, no tets) what these have. In metres, unless our comment tells the units."""
-    blocks = read_inp(path, existing_file(path))
+    """Of solids as their mesh; of shells and beams (no tets) what these have. In metres, unless our comment tells the units."""
+    size = existing_file(path)
+    nastran = read_bdf(path, size) if path.suffix.lower() in NASTRAN_SUFFIXES else None
+    blocks = nastran.blocks if nastran else read_inp(path, size)
     text = path.read_text(encoding="utf-8", errors="replace")
-    told = re.search(r"^\*\* units: (\S+)", text, re.MULTILINE)
+    told = re.search(r"^(?:\*\*|\$) units: (\S+)", text, re.MULTILINE)
     metres = 1.0 / UNIT_SYSTEMS[told.group(1)].length if told and told.group(1) in UNIT_SYSTEMS else 1.0
-    thin = re.search(r"^\*(SHELL|BEAM)( GENERAL)? SECTION", text, re.IGNORECASE | re.MULTILINE)
-    if thin and not any(kind.startswith("tet") for kind, _, _ in blocks.cells):
+    kinds = [kind for kind, _, _ in blocks.cells]
+    thin = nastran or re.search(r"^\*(SHELL|BEAM)( GENERAL)? SECTION", text, re.IGNORECASE | re.MULTILINE)
+    if thin and not any(kind.startswith("tet") for kind in kinds):
         require_sound(blocks)
         found = of_walls_and_bars(blocks.nodes * metres, [(kind, rows) for kind, rows, _ in blocks.cells])
     else:
         found = inspect(mesh_of(blocks, metres))
     cells = tuple((kind, rows) for kind, rows, _ in blocks.cells)
     mesh = DeckMesh(nodes=blocks.nodes, numbers=blocks.node_numbers, cells=cells, cell_numbers=blocks.cell_numbers)
-    return replace(found, checks=(*found.checks, *deck_checks(text, mesh)))
+    cards = cards_of_nastran(nastran.control, nastran.bulk, kinds) if nastran else cards_of(text)
+    return replace(found, checks=(*found.checks, *deck_checks(cards, mesh)))
 
 
 def _of_step(path: Path) -> Inspection:

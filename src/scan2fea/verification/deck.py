@@ -1,4 +1,4 @@
-"""Would a deck run? Cards that name what is not there: sets, materials, steps. For decks of any tool, in the language of Abaqus and CalculiX."""
+"""Would a deck run? Cards that name what is not there: sets, materials, steps. For decks of any tool, as `cards`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from scan2fea.types import Check
-from scan2fea.verification.cards import Card, cards_of
+from scan2fea.verification.cards import Card
 from scan2fea.verification.deck_sets import DeckMesh
 from scan2fea.verification.deck_supports import Supports, supports_of
 from scan2fea.verification.limits import at_least, holds
@@ -20,9 +20,8 @@ _DEFINES = {
 _NAME = r"[A-Za-z_][\w.\-]*"
 
 
-def deck_checks(text: str, mesh: DeckMesh) -> tuple[Check, ...]:
+def deck_checks(cards: Sequence[Card], mesh: DeckMesh) -> tuple[Check, ...]:
     """Steps, materials with what the steps need of them, sets that exist, supports that hold every part in each step that needs it."""
-    cards = cards_of(text)
     missing = missing_sets(cards)
     weak = _materials_without(cards)
     return (

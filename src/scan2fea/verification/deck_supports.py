@@ -9,6 +9,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from scan2fea.types import FloatArray, IntArray, Value
+from scan2fea.verification import nastran
 from scan2fea.verification.cards import Card
 from scan2fea.verification.deck_sets import DeckMesh, DeckSets, directions, sets_of
 from scan2fea.verification.rigid_motions import Parts, Rows, free_motions, parts_of
@@ -89,6 +90,7 @@ def supports_of(cards: Sequence[Card], mesh: DeckMesh) -> Supports:
 def _unread(cards: Sequence[Card]) -> list[str]:
     """Cards that may hold or place parts in ways that are not read here."""
     out = [f"*{card.word}" for card in cards if card.word in MAY_HOLD]
+    out += [card.word for card in cards if card.word in nastran.MAY_HOLD]
     kinds = [card.options.get("TYPE", "") for card in cards if card.word == "ELEMENT"]
     out += [f"*ELEMENT, TYPE={kind}" for kind in kinds if kind.startswith((*SPRINGS, *PLANE))]
     return out + ["*INSTANCE that is placed" for card in cards if card.word == "INSTANCE" and card.data]

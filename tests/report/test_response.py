@@ -20,6 +20,8 @@ def test_sets_of_faces_show_no_rounding():
     row = {"name": "END", "area_m2": 1e-4, "centre_m": [1.2, -1.2e-35, 3e-9], "normal": [1.0, -1.2e-32, 0.0049]}
     text = str(response_section({"fea": {"cases": [TIP], "sets": [row]}, "checks": []}))
     assert "1\u202f200, 0, 0" in text and "1, 0, 0" in text and "10\u207b" not in text
+    hole = {**row, "normal": [-3.3e-12, -6e-12, -4.1e-8]}
+    assert ">0, 0, 0<" not in str(response_section({"fea": {"cases": [TIP], "sets": [hole]}, "checks": []}))
 
 
 def test_every_figure_with_an_expected_one_has_a_verdict():

@@ -146,7 +146,8 @@ def _sets(fea: Row) -> Html:
     for row in (fea.get("sets") or [])[:LISTED_SETS]:
         place = [x * MILLIMETRES_PER_METRE for x in row.get("centre_m") or []]
         centre = ", ".join(number(x) for x in _without_dust(place, DUST * max(map(abs, place), default=0.0)))
-        normal = ", ".join(number(x, 2) for x in _without_dust(row.get("normal") or [], SHOWN_NORMAL / 2))
+        mean = _without_dust(row.get("normal") or [], SHOWN_NORMAL / 2)
+        normal = ", ".join(number(x, 2) for x in mean) if any(mean) else NOT_KNOWN  # all round a hole it has none
         area = f"{number(row['area_m2'] * 1e6)} mm\u00b2" if is_number(row.get("area_m2")) else number(None)
         cells = (figure_cell(area, "area"), figure_cell(centre, "centroid, mm"), figure_cell(normal, "mean normal"))
         rows.append([tag("code", str(row.get("name"))), *cells])

@@ -6,6 +6,7 @@ import pytest
 from fea.bars import bar
 from fea.test_shell import SHAPES, member
 from fea.test_wireframe import ANGLE, BAR, portal
+from scan2fea.errors import FormatError
 from scan2fea.fea import FeaOptions, build_model, write_inp
 from scan2fea.fea.shell import write_shell_inp
 from scan2fea.fea.wireframe import write_frame_inp
@@ -104,6 +105,14 @@ def test_cards_that_are_not_read_may_hold_it(tmp_path):
     found = said(tmp_path, solid(spring, "1, 1, 3"))
     assert found.startswith("not told: *SPRING, *ELEMENT, TYPE=SPRING1 may hold it; without: step 1: free to turn")
     assert said(tmp_path, solid("*MPC\nPLANE, 1, 2, 3, 4\n", "1, 1, 3")).startswith("not told: *MPC, PLANE may hold it")
+
+
+@pytest.mark.parametrize(
+    "cards", ["*EQUATION\ntwo\n", "*EQUATION\n2\n4, 3, 1.\n", "*TRANSFORM, NSET=FOOT\n0,1\n", "*NSET, NSET=A, GENERATE\n1, x\n"]
+)
+def test_cards_that_are_damaged_are_refused(cards, tmp_path):
+    with pytest.raises(FormatError, match="cannot be read"):
+        said(tmp_path, solid(cards, "FOOT, 1, 3"))
 
 
 def test_place_and_size_change_no_verdict(tmp_path):

@@ -99,6 +99,8 @@ def test_reals_without_their_letter():
         (HEAD + TETS.replace("1,1,2,3,4", "1,1,2,3"), "CTETRA 1 has 3 nodes"),
         (HEAD + TETS.replace("GRID,2,,1.", "GRID,2,,x"), "a card GRID cannot be read"),
         (HEAD + "ENDDATA\n", "it is no mesh"),
+        (HEAD + TETS + "SPC1,1,123,1,THRU,x\n" + REST, "cannot be read"),
+        ("SOL\n" + HEAD[8:] + TETS + "RBE2\n" + REST, "cannot be read"),
     ],
 )
 def test_what_cannot_be_read_is_refused(text, says, tmp_path):

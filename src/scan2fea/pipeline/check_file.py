@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from scan2fea.cad.readback import read_back
-from scan2fea.errors import CadError, InputError, require
+from scan2fea.errors import CadError, FormatError, InputError, require
 from scan2fea.io import read_mesh
 from scan2fea.io.bdf import read_bdf
 from scan2fea.io.files import existing_file
@@ -51,8 +51,12 @@ def _of_deck(path: Path) -> Inspection:
         found = inspect(mesh_of(blocks, metres))
     cells = tuple((kind, rows) for kind, rows, _ in blocks.cells)
     mesh = DeckMesh(nodes=blocks.nodes, numbers=blocks.node_numbers, cells=cells, cell_numbers=blocks.cell_numbers)
-    cards = cards_of_nastran(nastran.control, nastran.bulk, kinds) if nastran else cards_of(text)
-    return replace(found, checks=(*found.checks, *deck_checks(cards, mesh)))
+    try:
+        cards = cards_of_nastran(nastran.control, nastran.bulk, kinds) if nastran else cards_of(text)
+        checks = deck_checks(cards, mesh)
+    except (ValueError, IndexError) as error:  # a number or a word that is missing, or is none, in any of the cards that say what holds
+        raise FormatError(f"{path}: a line of its supports, sets or conditions cannot be read ({error}): correct it") from error
+    return replace(found, checks=(*found.checks, *checks))
 
 
 def _of_step(path: Path) -> Inspection:

@@ -8,11 +8,11 @@ import pytest
 
 from predicates import rotation, sphere, torus
 from scan2fea.cad import patched_solid
-from scan2fea.cad.freeform import DEGREE, KNOTS, patches_of
+from scan2fea.cad.freeform import DEGREE, FOLDED, KNOTS, patches_of
 from scan2fea.cad.quads import SAMPLES, quads_on
 from scan2fea.cad.readback import read_back
 from scan2fea.cad.tiles import spread, tiles_at, web_of
-from scan2fea.kernel.measures import volume
+from scan2fea.kernel.measures import face_normals, vertex_normals, volume
 from scan2fea.kernel.nurbs import basis
 from scan2fea.simulation.freeform import blob
 from scan2fea.types import TriangleMesh
@@ -128,6 +128,32 @@ def test_spikes_narrower_than_patches_are_told_before_all_is_parted():
     places[up] *= 1.05
     found = patched_solid(TriangleMesh(vertices=places, faces=mesh.faces), spacing_m=4 * limit, noise_m=0.0)
     assert found.brep is None and "places the surface turns more sharply" in found.reason
+
+
+def test_one_spike_or_two_are_parted_until_patches_follow_them():
+    mesh = ball(5)
+    places = mesh.vertices.copy()
+    places[[0, 5000]] *= 1.03
+    found = patched_solid(TriangleMesh(vertices=places, faces=mesh.faces), spacing_m=0.002, noise_m=0.0)
+    assert found.brep is not None and found.brep.is_valid and found.how["off_max_m"] <= 0.0005
+
+
+def test_a_patch_on_the_flank_of_a_spike_is_no_fold():
+    """The normals of its corners lean away from the triangle between them; a patch that lies on it does not turn over."""
+    mesh = ball(4)
+    places = mesh.vertices.copy()
+    places[0] *= 2.0
+    spike = TriangleMesh(vertices=places, faces=mesh.faces)
+    k = int(np.flatnonzero((mesh.faces == 0).any(axis=1))[0])
+    a, b, c = places[np.roll(mesh.faces[k], -int(np.flatnonzero(mesh.faces[k] == 0)[0]))]
+    s, t = np.meshgrid(np.linspace(0.01, 0.5, SAMPLES), np.linspace(0.01, 0.45, SAMPLES), indexing="ij")
+    grid = a + s[..., None] * (b - a) + t[..., None] * (c - a)
+    laid = quads(ball(4), 12)
+    curves = laid.curves.copy()
+    curves[laid.sides[0]] = [grid[:, 0], grid[-1], grid[:, -1], grid[0]]
+    one = dataclasses.replace(laid, grids=np.concatenate([grid[None], laid.grids[1:]]), curves=curves)
+    assert face_normals(spike)[k] @ vertex_normals(spike)[0] < FOLDED
+    assert not patches_of(one, spike).is_folded[0]
 
 
 def test_a_patch_that_turns_over_is_told():

@@ -18,7 +18,7 @@ def beam():
 
 def test_normals_keep_to_their_side(beam):
     points, toward, _, normals, h, sigma = beam
-    found, noise = first_normals(points, toward, h)
+    found, noise, _ = first_normals(points, toward, h)
     assert np.einsum("ij,ij->i", found, normals).mean() > 0.93
     assert (np.einsum("ij,ij->i", found, normals) < 0).mean() < 0.01
     assert noise == pytest.approx(sigma, rel=0.1)
@@ -26,7 +26,7 @@ def test_normals_keep_to_their_side(beam):
 
 def test_noise_goes_and_the_thickness_stays(beam):
     points, toward, places, normals, h, sigma = beam
-    found, noise = first_normals(points, toward, h)
+    found, noise, _ = first_normals(points, toward, h)
     clean = denoise(points, found, h, noise)
     flat = np.einsum("ij,ij->i", clean.normals, normals) > 0.95
     before, after = (np.einsum("ij,ij->i", x - places, normals)[flat] for x in (points, clean.points))
@@ -39,7 +39,7 @@ def test_a_sphere_does_not_shrink():
     scan, places, _ = scanned(sphere(1.0, rounds=5), 0.06, 0.01, seed=2)
     toward = outer_side(scan.cloud.points, scan.sensors(), None)
     h = spacing(scan.cloud.points)
-    found, noise = first_normals(scan.cloud.points, toward, h)
+    found, noise, _ = first_normals(scan.cloud.points, toward, h)
     clean = denoise(scan.cloud.points, found, h, noise)
     assert np.linalg.norm(clean.points, axis=1).mean() == pytest.approx(np.linalg.norm(places, axis=1).mean(), abs=1e-3)
 
@@ -52,9 +52,42 @@ def test_exact_points_do_not_move(beam):
 
 def test_motion_scale_and_order_change_nothing(beam):
     points, toward, _, _, h, _ = beam
-    found, noise = first_normals(points, toward, h)
+    found, noise, _ = first_normals(points, toward, h)
     turn, scale, order = rotation(5), 25.0, np.random.default_rng(0).permutation(len(points))
-    other, other_noise = first_normals((points @ turn.T * scale + 3.0)[order], (toward @ turn.T)[order], h * scale)
+    other, other_noise, _ = first_normals((points @ turn.T * scale + 3.0)[order], (toward @ turn.T)[order], h * scale)
     assert other_noise == pytest.approx(noise * scale, rel=0.02)  # a draw of other points
     same = np.einsum("ij,ij->i", other @ turn, found[order])
     assert (same > 0.99).mean() > 0.97
+
+
+def two_scans_of(apart, seed=0):
+    """A sphere of radius 0.1 that one scan saw, and a quarter of it another one, larger by `apart`; the points, outward normals, scans."""
+    rng = np.random.default_rng(seed)
+    way = rng.normal(size=(8000, 3))
+    way /= np.linalg.norm(way, axis=1)[:, None]
+    way = way[(np.arange(8000) < 6000) | (way[:, 2] > 0.5)]
+    frame = (np.arange(len(way)) >= 6000).astype(np.int64)
+    return (0.1 + apart * frame + 2e-5 * rng.normal(size=len(way)))[:, None] * way, way, frame
+
+
+def test_two_skins_of_scans_that_lie_off_each_other_become_one():
+    apart = 5e-4
+    points, way, frame = two_scans_of(apart)
+    h, both = spacing(points), way[:, 2] > 0.6
+
+    def left(sigma, between):
+        radius = np.linalg.norm(denoise(points, normals, h, sigma, between).points, axis=1)
+        return radius[both & (frame == 1)].mean() - radius[both & (frame == 0)].mean()
+
+    normals, sigma, between = first_normals(points, way, h, frame)
+    assert between == pytest.approx(apart / np.sqrt(2), rel=0.4) and sigma > between
+    alone = first_normals(points, way, h)
+    assert alone.between_m == 0.0 and left(alone.sigma_m, 0.0) > 0.9 * apart
+    assert left(sigma, between) < 0.25 * apart  # a point has a sixth of the weight of its own place
+
+
+def test_scans_that_agree_are_as_one():
+    points, way, frame = two_scans_of(0.0)
+    h = spacing(points)
+    one, two = first_normals(points, way, h), first_normals(points, way, h, frame)
+    assert two[1:] == one[1:] and two.normals.tobytes() == one.normals.tobytes()

@@ -11,7 +11,20 @@ from scan2fea.reconstruction.evidence import Evidence, at_least, at_most, scatte
 from scan2fea.reconstruction.flat_gaps import hidden_volume_flat
 from scan2fea.reconstruction.gates import failed, gates_seen
 from scan2fea.reconstruction.gates_outside import CUT_AGREES
-from scan2fea.reconstruction.gates_surface import RIM_LOSS, SHEET, coverage, mean_curvature, merged, mixed, patch_moments, resolution, rims, sheet
+from scan2fea.reconstruction.gates_surface import (
+    RIM_LOSS,
+    SCANS_OPEN,
+    SHEET,
+    coverage,
+    mean_curvature,
+    merged,
+    mixed,
+    patch_moments,
+    resolution,
+    rims,
+    scans,
+    sheet,
+)
 from scan2fea.reconstruction.hidden_volume import REACH, REACH_UNSEEN, hidden_volume
 from scan2fea.types import PointCloud, Scan
 from scanned import DENSITY
@@ -111,6 +124,21 @@ def test_rims_foretell_both_ways():
     cut, grown = rims(case)
     assert cut.value == pytest.approx(RIM_LOSS * 0.0015**2 * mean_curvature(mesh) / volume(mesh)) and not cut.passed
     assert grown.value == pytest.approx(2 / np.pi * mean_curvature(mesh) * 0.003 * 0.001 / volume(mesh)) and not grown.passed
+
+
+def test_places_of_scans_leave_volume_open_however_many_points_there_are():
+    mesh = box((0.2, 0.15, T))
+    points, normals = sampled(mesh, 0.004)
+    sides = (normals.sum(axis=1) > 0).astype(np.int64)  # two scans, half of the area each
+    between = SCANS_OPEN * volume(mesh) * np.sqrt(2) / area(mesh)
+    (check,) = scans(evidence_of(mesh, points, normals, frame=sides, between_m=between))
+    assert check.value == pytest.approx(SCANS_OPEN, rel=0.02)
+    (more,) = scans(evidence_of(mesh, points, normals, frame=sides, between_m=1.05 * between))
+    assert not more.passed and "mm off each other" in more.says
+    many = np.arange(len(points)) % 50  # fifty that share every face
+    (shared,) = scans(evidence_of(mesh, points, normals, frame=many, between_m=between))
+    assert shared.value == pytest.approx(SCANS_OPEN / 5, rel=0.1)
+    assert scans(evidence_of(mesh, points, normals, frame=sides)) == scans(evidence_of(mesh, points, normals, between_m=between)) == ()
 
 
 def test_two_sheets_in_one_are_noticed(plate):

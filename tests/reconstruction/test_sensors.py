@@ -14,7 +14,7 @@ def test_true_sensors_stand_and_false_ones_fall(noise):
     scan, _, _ = scanned(l_beam(length=0.25), 0.005, noise * t, seed=0)
     points, sensors = scan.cloud.points, scan.sensors()
     h = spacing(points)
-    normals, sigma = first_normals(points, outer_side(points, sensors, None), h)
+    normals, sigma, _ = first_normals(points, outer_side(points, sensors, None), h)
     assert blocked_share(points, normals, sensors, h, sigma) < 0.6 * REJECTED
     if noise < 0.3:  # above, a wall is no thicker than what three sigma explain
         one = np.tile([0.5, -1.0, 0.7], (len(points), 1))  # one station cannot have seen all sides

@@ -54,12 +54,12 @@ def test_sheets_nearer_than_their_points_do_not_share_area():
 def test_planes_and_noise():
     points, normals = sampled(box((1.0, 0.8, 0.1)), 0.02)
     noisy = points + 0.006 * np.random.default_rng(3).normal(size=points.shape)
-    found, sigma = fitted(noisy, normals, 0.02)
+    found, sigma, _ = fitted(noisy, normals, 0.02)
     assert sigma == pytest.approx(0.006, rel=0.15)
     assert np.median(np.einsum("ij,ij->i", found, normals)) > 0.98
 
 
 def test_fit_ends_where_noise_cannot_be_told():
     points = np.random.default_rng(0).random((400, 3))
-    normals, sigma = fitted(points, np.tile([0.0, 0.0, 1.0], (400, 1)), 0.1)
+    normals, sigma, _ = fitted(points, np.tile([0.0, 0.0, 1.0], (400, 1)), 0.1)
     assert np.isfinite(normals).all() and 0.0 < sigma <= 0.25 * 6.0 * 0.1 * 1.001

@@ -21,7 +21,7 @@ from scan2fea.cad.tiles import parted, spread, tiles_at, web_of
 from scan2fea.cad.trued import Trued
 from scan2fea.errors import CadError
 from scan2fea.kernel.distances import PointToMesh
-from scan2fea.kernel.measures import vertex_normals
+from scan2fea.kernel.measures import face_normals, vertex_normals
 from scan2fea.kernel.measures import volume as enclosed_volume
 from scan2fea.kernel.nurbs import basis, basis_slopes
 from scan2fea.types import BoolArray, Brep, FloatArray, TriangleMesh, Value
@@ -32,7 +32,7 @@ KNOTS = np.concatenate([np.zeros(DEGREE), np.linspace(0, 1, SPANS + 1), np.ones(
 TILES, ROUNDS = 16, 20  # of the first cut; how often tiles are parted
 PIECES, RATE = 6, 0.7  # a tile falls into (distance / limit)^0.7 pieces: between the square of a curved surface's error and the root of a crease's
 TRIANGLES_A_PATCH = 3  # as many patches as triangles say nothing new
-LOST_TILES = 0.01  # of all: so many that have no more triangles and still do not hold are creases, or noise, sharper than any patch
+LOST_TILES, SPIKES = 0.01, 3  # of all: so many more that have no more triangles and still do not hold are creases, or noise, sharper than any patch
 SAMPLED = 17  # points along a patch that are measured
 VOLUME_OFF = 0.005  # of the surface's: what verification takes
 FOLDED = 0.2  # cosine between a patch and the surface under it: less is a fold
@@ -82,7 +82,7 @@ def patched_solid(mesh: TriangleMesh, *, spacing_m: float, noise_m: float) -> Tr
             reason = f"{n} NURBS patches lie up to {found.off_m.max() * 1e3:.3g} mm off the surface (limit {limit * 1e3:.3g} mm), "
             reason += f"{int(found.is_folded.sum())} of them fold"
         spent = (worst > limit) & (np.bincount(tiles.label) < TRIANGLES_A_PATCH * np.bincount(quads.tile))
-        if spent.sum() > LOST_TILES * len(worst):
+        if spent.sum() > max(SPIKES, LOST_TILES * len(worst)):
             return _none(f"{reason}; at {int(spent.sum())} places the surface turns more sharply than patches of {TRIANGLES_A_PATCH} triangles can")
         seeds = parted(web, tiles, np.where(worst > limit, np.clip(np.ceil((worst / limit) ** RATE), 2, PIECES), 1).astype(np.int64))
     return _none(reason)
@@ -121,7 +121,8 @@ def _measured(control: FloatArray, quads: Quads, mesh: TriangleMesh) -> Patched:
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-300)
     under = PointToMesh(mesh).nearest(points.reshape(-1, 3))
     up = np.einsum("nk,nkx->nx", under.weights, vertex_normals(mesh)[mesh.faces[under.face]]).reshape(normal.shape)
-    facing = (normal * up).sum(-1) / np.maximum(np.linalg.norm(up, axis=-1), 1e-300)
+    flat = face_normals(mesh)[under.face].reshape(normal.shape)  # at the tip of a spike no triangle faces as the mean of its corners' normals does
+    facing = np.maximum((normal * up).sum(-1) / np.maximum(np.linalg.norm(up, axis=-1), 1e-300), (normal * flat).sum(-1))
     drawn = _triangles(points)
     back = PointToMesh(drawn).nearest(mesh.vertices)
     off = under.distance.reshape(len(points), -1).max(1)

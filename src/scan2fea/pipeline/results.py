@@ -202,9 +202,7 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
     row["verdict"], row["reason"] = found.name, found.reason
     if found.name == "converted" and made.member is not None:
         row["reason"] += assumed(made.member) + (claimed(made.member, made.estimate) + left_out(made.estimate) if made.estimate is not None else "")
-    doubt = made.part.doubt.between_m
-    if found.name == "converted" and doubt > made.sigma_m:
-        row["reason"] += f"; points of different scans may lie {doubt:.2g} m off each other (one standard deviation of their poses)"
+    row["reason"] += _apart(made) if found.name == "converted" else ""
     if found.name == "converted" and made.supported_share > 0:
         row["supported_share"] = made.supported_share
         share = f"{made.supported_share:.0%}" if made.supported_share >= 0.01 else "less than 1 %"
@@ -220,6 +218,14 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
     if found.name == "converted" and made.tets is not None:
         row["reason"] += _budget(made.tets, made.how)
     return dict(finite_tree({key: value for key, value in row.items() if value is not None}))
+
+
+def _apart(made: Made) -> str:
+    """How far the scans may lie off each other, for the verdict's line: by their poses, and by the points themselves."""
+    doubt, measured = made.part.doubt.between_m, made.how.get("scans_apart_m")
+    said = f"; points of different scans may lie {doubt:.2g} m off each other (one standard deviation of their poses)" if doubt > made.sigma_m else ""
+    seen = "scans lie {:.2g} mm off each other where several saw the same (one standard deviation)"
+    return said + ("; " + seen.format(measured * 1e3) if measured else "")
 
 
 # plates with a hole, 12 and 24 edges round it, against the closed form: benchmarks/holes.py, docs/fea.md

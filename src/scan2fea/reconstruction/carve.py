@@ -42,6 +42,7 @@ def carve(
     spacing_m: float,
     sigma_m: float,
     *,
+    between_m: float = 0.0,
     prior: Prior | None = None,
     quality_weight: float = 0.3,
     seed: int = 0,
@@ -49,10 +50,10 @@ def carve(
     """The surface of the solid under the points.
 
     points : (n, 3) raw.   normals : (n, 3) outward.   sensors : (n, 3) where each point was seen from; a nan row gets a pseudo-sensor in
-    front of it, nearer than half of the gap there.   sigma_m : noise of the points.   prior : votes for outside (m,) of the tets it is
-    given (those of the denoised points).   Raises ReconstructionError.
+    front of it, nearer than half of the gap there.   sigma_m : noise of the points.   between_m : the part of it that is of the places
+    of their scans.   prior : votes for outside (m,) of the tets it is given (those of the denoised points).   Raises ReconstructionError.
     """
-    clean = denoise(points, normals, spacing_m, sigma_m)
+    clean = denoise(points, normals, spacing_m, sigma_m, between_m)
     thickness = wall_depth(clean.points, clean.normals, spacing_m, REACH * spacing_m)
     targets = np.where(np.isfinite(sensors), sensors, pseudo_sensors(clean.points, clean.normals, spacing_m))
     tetra = tetrahedralise(clean.points, spacing_m, seed)

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from scan2fea.kernel.frame_noise import sigma_of_scans
 from scan2fea.kernel.jit import jit
 from scan2fea.kernel.noise import noise_sigma
 from scan2fea.kernel.side_normals import (
@@ -32,6 +34,7 @@ NORMAL_RADIUS = 2.5  # spacings
 QUIET = 0.01  # of the spacing: noise below this is left alone
 NORMAL_ROUNDS, POINT_ROUNDS = 5, 3
 CLEAR = 0.3  # cosine of a sight line above which no noise of the normal hides the side
+NOT_FLAT = 0.1  # what a sight line counts where a patch is not flat: the plane through two faces is neither of them
 MIXED = 4.0  # a wall thinner than this many thicknesses of its sheets lets them overlap
 GRAZING = 0.15  # mean cosine of the sight lines below which a sheet's side is taken from the sheets that face it
 WINDING_ROUNDS = 4
@@ -50,35 +53,46 @@ class Denoised(Value):
     radius_m: float
 
 
-def first_normals(points: FloatArray, toward: FloatArray, spacing_m: float) -> tuple[FloatArray, float]:
-    """Same-side normals (n, 3) and the noise sigma; fitted again in a wider radius where the noise swamps the first.
+class FirstNormals(NamedTuple):
+    """normals : (n, 3) of one side, outward.   sigma_m : noise of the points, with that of their scans' places.   between_m : of these alone."""
 
-    toward : (n, 3) unit vectors on the outer side.
+    normals: FloatArray
+    sigma_m: float
+    between_m: float
+
+
+def first_normals(points: FloatArray, toward: FloatArray, spacing_m: float, frame: IntArray | None = None) -> FirstNormals:
+    """Same-side normals and the noise; fitted again in a wider radius where the noise swamps the first.
+
+    toward : (n, 3) unit vectors on the outer side.   frame : (n,) the scan each point came from, where several may lie off each other.
     """
-    radius = NORMAL_RADIUS * spacing_m
+    radius, between = NORMAL_RADIUS * spacing_m, 0.0
     for _ in range(3):
         near = near_lists(points, radius)
         normals = side_normals(near, toward)
-        sigma = noise_sigma(points, normals)
+        sigma, between = sigma_of_scans(points, normals, frame, noise_sigma(points, normals))
         if math.isfinite(sigma):
-            normals = _settled(near, normals, toward, sigma, spacing_m)
-            sigma = noise_sigma(points, normals)
+            normals = _settled(near, normals, toward, sigma, spacing_m, 1.0 if between > 0 else NOT_FLAT)
+            sigma, between = sigma_of_scans(points, normals, frame, noise_sigma(points, normals))
         wider = min(4.0 * sigma, 6.0 * spacing_m) if math.isfinite(sigma) else 6.0 * spacing_m
         if wider <= 1.1 * radius:
             break
         radius = wider
-    return normals, sigma if math.isfinite(sigma) else radius / 4.0
+    return FirstNormals(normals, sigma if math.isfinite(sigma) else radius / 4.0, between)
 
 
-def _settled(near: Near, normals: FloatArray, toward: FloatArray, sigma: float, spacing_m: float) -> FloatArray:
-    """Signs by what the whole sheet sees, by the rest of the surface where that is too little; creases given to one of their faces."""
+def _settled(near: Near, normals: FloatArray, toward: FloatArray, sigma: float, spacing_m: float, not_flat: float) -> FloatArray:
+    """Signs by what the whole sheet sees, by the rest of the surface where that is too little; creases given to one of their faces.
+
+    not_flat : what a sight line counts where the patch is not flat: little at an edge, but scans that lie off each other are bent by nothing else.
+    """
     thickness = 1.5 * sigma + FLAT_SPACINGS * spacing_m
     flat = is_flat(near, normals, sigma, spacing_m)
     own = np.einsum("ij,ij->i", normals, toward)
     # where the noise mixes the two sheets of a wall they silence each other: there a point that sees its side clearly knows better
     mixed = wall_depth(near.points, normals, spacing_m, MIXED * thickness) < MIXED * thickness
     clear = mixed & flat & (np.abs(own) >= CLEAR)
-    evidence = spread_evidence(near, normals, own * np.where(flat, 1.0, 0.1), clear, thickness)
+    evidence = spread_evidence(near, normals, own * np.where(flat, 1.0, not_flat), clear, thickness)
     signed = np.where(evidence[:, None] < 0, -normals, normals)
     for _ in range(OPPOSED_ROUNDS):
         sure = np.abs(evidence) >= GRAZING
@@ -104,10 +118,10 @@ def _by_winding(points: FloatArray, normals: FloatArray, doubtful: BoolArray, sp
     return now
 
 
-def denoise(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_m: float) -> Denoised:
+def denoise(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_m: float, between_m: float = 0.0) -> Denoised:
     """Points and normals with the noise averaged out over a radius R = max(2.2 h, 1.5 sigma / (0.12 sqrt(pi))).
 
-    points : (n, 3) raw.   normals : (n, 3) outward.   sigma_m : their noise.
+    points : (n, 3) raw.   normals : (n, 3) outward.   sigma_m : their noise.   between_m : the part of it that all points of one scan have in common.
     """
     h = spacing_m
     radius = min(max(2.2 * h, 1.5 * sigma_m / (0.12 * math.sqrt(math.pi))), 8.0 * h)
@@ -121,9 +135,10 @@ def denoise(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_m: 
     for _ in range(NORMAL_ROUNDS):
         now = _smooth_normals(xyz, now, first, index, radius, tolerance)
     moved = xyz
+    clip = CLIP * math.hypot(sigma_m, between_m)  # a point comes nearer to its surface, but stays in the place of its scan
     if not quiet:
         for _ in range(POINT_ROUNDS):
-            moved = _smooth_points(xyz, moved, now, first, index, radius, tolerance, CLIP * sigma_m)
+            moved = _smooth_points(xyz, moved, now, first, index, radius, tolerance, clip)
     return Denoised(points=moved, normals=now, sigma_m=sigma_m, residual_m=residual, radius_m=radius)
 
 

@@ -45,6 +45,7 @@ class Evidence(Value):
     points and their outward normals.   thickness_m : (n,) to the other face, nan where there is none.   gap_m : (n,) to the next surface in
     front, nan likewise.   spacing_m, sigma_m : of the raw points.   n_hidden : of the last points, that only stand for places no ray has reached.
     sensors : (n, 3) where each point was seen from, nan rows where not known, or None.   ends_before : of walls, in other answers to the same points.
+    frame : (n,) the scan of each point, negative for none, or None.   between_m : noise of the places of the scans, which is in sigma_m too.
     """
 
     points: FloatArray
@@ -59,8 +60,10 @@ class Evidence(Value):
     n_hidden: int = 0
     sensors: FloatArray | None = None
     ends_before: tuple[Ends, ...] = ()
+    frame: IntArray | None = None
+    between_m: float = 0.0
 
-    _ROWS = (("points", "smoothed", "normals", "thickness_m", "gap_m", "is_inferred", "sensors"),)
+    _ROWS = (("points", "smoothed", "normals", "thickness_m", "gap_m", "is_inferred", "sensors", "frame"),)
 
     @cached_property
     def nearest(self) -> Nearest:

@@ -12,7 +12,7 @@ from scan2fea.kernel.distances import signed_distance
 from scan2fea.kernel.measures import face_areas, face_normals, volume
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.topology import edge_table, half_edges
-from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, MIXED
+from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, MIXED, SCANS
 from scan2fea.reconstruction.evidence import PATCH, SAME_FACE, SAMPLES, Evidence, around, at_least, at_most, mm, patch_wall_m, wall_m
 from scan2fea.reconstruction.outside import Flood
 from scan2fea.types import BoolArray, Check, FloatArray, TriangleMesh
@@ -21,6 +21,7 @@ NOISE_OVER_WALL = 0.35  # above, the two faces of a wall mix: volume and thickne
 NOISE_UNSIDED = 0.2  # the same where no sensor says on which face a point lies: then points between the faces no longer tell where a wall ends
 SPACING_OVER_WALL = 1.1
 SHEET, LEAST_THICK = "thickness of a sheet", 0.1  # spacings: walls below 1 / SPACING_OVER_WALL are refused in any case
+SCANS_OPEN = 0.02  # of the volume that the places of the scans leave open, one standard deviation, as of planes
 RIM_NOISE = 0.05  # of the volume that noise adds at rims, foretold: a simulated scan foretold 7.6 % was 8.9 % off
 RIM_SPACING = 0.05  # of the volume that the spacing cuts off at rims
 RIM_LOSS = 0.28  # h^2 per unit of mean curvature: what a surface through random points cuts off a square edge (0.22 h^2 per length)
@@ -84,6 +85,24 @@ def mixed(evidence: Evidence) -> tuple[Check, ...]:
         f"(limit {MIXED_SHARE:.0%}); give the sensor position, scan with less noise, or fit the member"
     )
     return (at_most(MIXED, share, MIXED_SHARE, says),)
+
+
+def scans(evidence: Evidence) -> tuple[Check, ...]:
+    """Volume that the places of the scans leave open: all points of one move together, so no number of them averages that away.
+
+    Each scan moves its part of the area, shared with the others that saw it, by `between_m`: as far as it saw all of it from one side.
+    """
+    body = abs(volume(evidence.mesh))
+    if evidence.frame is None or evidence.between_m <= 0.0 or body <= 0.0:
+        return ()
+    own = evidence.frame >= 0
+    face, frame = evidence.nearest.face[own], evidence.frame[own]
+    share = face_areas(evidence.mesh)[face] / np.bincount(face, minlength=len(evidence.mesh.faces))[face]
+    std = evidence.between_m * float(np.linalg.norm(np.bincount(frame, share)))
+    apart = math.sqrt(2.0) * evidence.between_m
+    open_share = std / body
+    says = f"scans lie {mm(apart)} off each other: {open_share:.1%} of the volume is open (limit {SCANS_OPEN:.0%}); register them better"
+    return (at_most(SCANS, open_share, SCANS_OPEN, says),)
 
 
 def rims(evidence: Evidence) -> tuple[Check, ...]:

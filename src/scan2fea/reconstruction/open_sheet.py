@@ -33,7 +33,7 @@ def open_sheet(scan: Scan, max_points: int = 150_000, seed: int = 0) -> Triangle
     sensors = seen.sensors()
     known = np.isfinite(sensors).all(axis=1).mean() >= KNOWN_SHARE
     toward = outer_side(points, sensors, seen.cloud.normals) if known else _by_front(points, h, seed)
-    normals, sigma = first_normals(points, toward, h)
+    normals, sigma, _ = first_normals(points, toward, h)
     clean = denoise(points, normals, h, sigma)
     faces = front(tetrahedralise(clean.points, h, seed), clean.normals).faces
     corners = clean.points[faces]

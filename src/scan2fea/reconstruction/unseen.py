@@ -17,7 +17,7 @@ from scan2fea.reconstruction.gates_outside import GAPS_ENTERED
 from scan2fea.reconstruction.outside import Flood, OutsideOptions, entered, floods, prepare
 from scan2fea.reconstruction.wall_ends import unseen_ends
 from scan2fea.reconstruction.winding import fitted, polish
-from scan2fea.types import BoolArray, Check, FloatArray, Value
+from scan2fea.types import BoolArray, Check, FloatArray, IntArray, Value
 
 FLOOD_SOURCE = 2.0  # votes of a tet the ball reaches among the denoised points
 BALL_AGAIN = 1.1  # the ball that rolls among the denoised points, against the first
@@ -42,11 +42,13 @@ def unseen(
     n_hidden: int = 0,
     sensors: FloatArray | None = None,
     ends: tuple[Ends, ...] = (),
+    frame: IntArray | None = None,
 ) -> Answer:
     """The first answer that passes all gates, else the one that fails the fewest. Raises ReconstructionError if none gives a surface.
 
     n_hidden : of the last points, that stand for places no ray has reached.   sensors : (n, 3) of points whose sight lines stood the test though they
     were too few to lead, nan rows where not known: they only tell what is empty beyond the ends of walls.   ends : of walls that other answers had.
+    frame : (n,) the scan each point came from, negative for none.
     """
     setting = prepare(points, options.seed)
     best: Answer | None = None
@@ -54,7 +56,7 @@ def unseen(
     n = 0
     for n, flood in enumerate(floods(setting, options), start=1):
         try:
-            answer = _answer(points, is_inferred, n_hidden, sensors, ends, flood, setting.spacing_m, quality_weight, options.seed, n)
+            answer = _answer(points, is_inferred, n_hidden, sensors, ends, frame, flood, setting.spacing_m, quality_weight, options.seed, n)
         except ReconstructionError as error:
             reason = str(error)
             continue
@@ -75,6 +77,7 @@ def _answer(
     n_hidden: int,
     sensors: FloatArray | None,
     ends: tuple[Ends, ...],
+    frame: IntArray | None,
     flood: Flood,
     spacing_m: float,
     quality_weight: float,
@@ -82,7 +85,7 @@ def _answer(
     n: int,
 ) -> Answer:
     polished = polish(points, flood.signed, spacing_m)
-    normals, sigma = fitted(points, polished, spacing_m)
+    normals, sigma, between = fitted(points, polished, spacing_m, frame)
 
     ball = BALL_AGAIN * flood.ball_m
     open_space: list[BoolArray] = []
@@ -92,7 +95,7 @@ def _answer(
         return np.where(open_space[-1], FLOOD_SOURCE, 0.0)
 
     blind = np.full_like(points, np.nan)
-    carved = carve(points, normals, blind, spacing_m, sigma, prior=prior, quality_weight=quality_weight, seed=seed)
+    carved = carve(points, normals, blind, spacing_m, sigma, between_m=between, prior=prior, quality_weight=quality_weight, seed=seed)
     evidence = Evidence(
         points=points,
         mesh=carved.mesh,
@@ -106,6 +109,8 @@ def _answer(
         n_hidden=n_hidden,
         sensors=sensors,
         ends_before=ends,
+        frame=frame,
+        between_m=between,
     )
     volumes = carved.tetra.volumes()
     share = float(volumes[open_space[-1] & carved.inside].sum() / volumes[carved.inside].sum())

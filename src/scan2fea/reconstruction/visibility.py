@@ -6,6 +6,7 @@ closed and free of self-intersections by construction, for every input (referenc
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -29,13 +30,14 @@ from scan2fea.reconstruction.sensors import REJECTED, blocked_share, outer_side
 from scan2fea.reconstruction.turned import with_turned
 from scan2fea.reconstruction.unseen import unseen
 from scan2fea.reconstruction.wall_ends import unseen_ends
-from scan2fea.types import Check, FloatArray, PointCloud, Scan, TriangleMesh, Value
+from scan2fea.types import Check, FloatArray, IntArray, PointCloud, Scan, TriangleMesh, Value
 
 LEAST_POINTS = 20
 KNOWN_SHARE = 0.5  # of the measured points must have a sensor for the sensors to lead
 ROUND_AN_AXIS = "round an axis"
 UNSEEN_PLACES = {ROUND_AN_AXIS: with_turned, "to the other face of walls": with_opposite}
 DARK_HOLES = "holes that nobody saw"
+SCANS_APART = "scans_apart_m"
 SAME_VOLUME = 0.01  # two answers that agree so well are one: what the sensors say against it stands
 
 
@@ -122,6 +124,16 @@ def told_images(scan: Scan, options: VisibilityOptions) -> Images | None:
     return images_of(scan.cloud.points, scan.cloud.raw_index)
 
 
+def frames_of(cloud: PointCloud) -> IntArray:
+    """(n,) the scan that measured each point, -1 for those that none did."""
+    return cloud.frame if cloud.is_inferred is None else np.where(cloud.is_inferred, -1, cloud.frame)
+
+
+def scans_apart(between_m: float) -> dict[str, float]:
+    """For the report: standard deviation of the difference of two points of different scans on one face. between_m : of each scan's place."""
+    return {SCANS_APART: math.sqrt(2.0) * between_m} if between_m > 0.0 else {}
+
+
 def _seen(
     cloud: PointCloud, options: VisibilityOptions, sensors: FloatArray, spacing_m: float, ends: tuple[Ends, ...] = ()
 ) -> tuple[Reconstruction, Evidence] | None:
@@ -129,11 +141,14 @@ def _seen(
 
     ends : of walls, on which nothing was measured, that a surface before it had.
     """
-    normals, sigma = first_normals(cloud.points, outer_side(cloud.points, sensors, cloud.normals), spacing_m)
+    frame = frames_of(cloud)
+    normals, sigma, between = first_normals(cloud.points, outer_side(cloud.points, sensors, cloud.normals), spacing_m, frame)
     blocked = blocked_share(cloud.points, normals, sensors, spacing_m, sigma, options.seed)
     if blocked > REJECTED:
         return None
-    carved = carve(cloud.points, normals, sensors, spacing_m, sigma, quality_weight=options.quality_weight, seed=options.seed)
+    carved = carve(
+        cloud.points, normals, sensors, spacing_m, sigma, between_m=between, quality_weight=options.quality_weight, seed=options.seed
+    )
     evidence = Evidence(
         points=cloud.points,
         mesh=carved.mesh,
@@ -146,9 +161,11 @@ def _seen(
         is_inferred=cloud.is_inferred,
         sensors=sensors,
         ends_before=ends,
+        frame=frame,
+        between_m=between,
     )
     checks = (*gates_seen(evidence, carved.labels.held), *dark_holes(carved.resolved.n_dark))
-    found = _result(carved, spacing_m, sigma, "sensors", "known", checks, {"rays_blocked": blocked})
+    found = _result(carved, spacing_m, sigma, "sensors", "known", checks, {"rays_blocked": blocked, **scans_apart(between)})
     return replace(found, ends=_ends(checks, evidence)), evidence
 
 
@@ -199,9 +216,11 @@ def _unseen(
     if hidden is not None:  # the sensors stood the test
         lines = np.full_like(points, np.nan)
         lines[: len(cloud)] = scan.sensors()
-    answer = unseen(points, inferred, outside, options.quality_weight, len(points) - len(cloud), lines, ends)
+    frame = np.append(frames_of(cloud), np.full(len(points) - len(cloud), -1))
+    answer = unseen(points, inferred, outside, options.quality_weight, len(points) - len(cloud), lines, ends, frame)
     flood = answer.flood
     facts = {**how, "ball_m": flood.ball_m, "leak_share": flood.leak_share, "n_cavities": flood.n_cavities, "n_answers": answer.n_tried}
+    facts.update(scans_apart(answer.evidence.between_m))
     found = _result(answer.carved, spacing(cloud.points, options.seed), answer.evidence.sigma_m, "outside flood", sensor, answer.checks, facts)
     return _first_rows(replace(found, ends=_ends(answer.checks, answer.evidence)), len(cloud))
 

@@ -12,11 +12,12 @@ import math
 
 import numpy as np
 
+from scan2fea.kernel.frame_noise import sigma_of_scans
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import noise_sigma, sampled_rows
 from scan2fea.kernel.side_normals import SAME_SIDE, near_lists, side_normals
 from scan2fea.kernel.winding import ROUGH_OPENING, layout, winding
-from scan2fea.types import FloatArray
+from scan2fea.types import FloatArray, IntArray
 
 ROUNDS = 6
 SOFTENING = 0.8  # spacings
@@ -43,19 +44,20 @@ def polish(points: FloatArray, start: FloatArray, spacing_m: float, rounds: int 
     return normals
 
 
-def fitted(points: FloatArray, outward: FloatArray, spacing_m: float) -> tuple[FloatArray, float]:
-    """Planes of the points that face the same way, and the noise across them.
+def fitted(points: FloatArray, outward: FloatArray, spacing_m: float, frame: IntArray | None = None) -> tuple[FloatArray, float, float]:
+    """Planes of the points that face the same way, the noise across them, and that of the places of their scans alone (0: none told).
 
-    points, outward : (n, 3).   Returns unit outward normals (n, 3) and sigma, m. Where the noise swamps the fit it is made wider; where no
-    width tells noise from shape, sigma is the scatter about the widest planes: too high rather than too low.
+    points, outward : (n, 3).   frame : (n,) the scan each point came from, where several may lie off each other.   Returns unit outward normals
+    (n, 3) and two standard deviations, m. Where the noise swamps the fit it is made wider; where no width tells noise from shape, sigma is the
+    scatter about the widest planes: too high rather than too low.
     """
     radius, widest = FIT_RADIUS * spacing_m, WIDEST_FIT * spacing_m
     while True:
         normals = side_normals(near_lists(points, radius), outward)
-        sigma = noise_sigma(points, normals)
+        sigma, between = sigma_of_scans(points, normals, frame, noise_sigma(points, normals))
         wanted = FIT_OVER_NOISE * sigma if math.isfinite(sigma) else FIT_GROWTH * radius
         if min(wanted, widest) <= 1.1 * radius:
-            return normals, sigma if math.isfinite(sigma) else _scatter(points, normals, radius)
+            return normals, sigma if math.isfinite(sigma) else _scatter(points, normals, radius), between
         radius = min(wanted, widest)
 
 

@@ -111,6 +111,8 @@ def _facts(item: Item, size: Sequence[float] | None) -> Html:
     rows += [("Noise (\u03c3)", millimetres(item["noise_m"]))] if is_number(item.get("noise_m")) and item["noise_m"] > 0 else []
     doubt = item.get("between_frames_m")
     rows += [("Scans lie off each other by (\u03c3 of their poses)", millimetres(doubt))] if is_number(doubt) and doubt > 0 else []
+    apart = item.get("how", {}).get("scans_apart_m")
+    rows += [("Scans lie off each other by (\u03c3, on faces that several saw)", millimetres(apart))] if is_number(apart) else []
     rows += [("Sensor position", item["sensor"])] if item.get("sensor") else []
     rows += [("Measured surface", percent(share))] if share is not None else []
     if cad:

@@ -74,7 +74,7 @@ def outward(points: FloatArray, seed: int = 0) -> FloatArray:
     """(n, 3) outward normals, which the pivoting ball needs. Raises ReconstructionError."""
     setting = prepare(points, seed)
     first = next(floods(setting, OutsideOptions(seed=seed)))  # the likeliest answer; no surface is cut and no gate asked
-    normals, sigma = fitted(points, polish(points, first.signed, setting.spacing_m), setting.spacing_m)
+    normals, sigma, _ = fitted(points, polish(points, first.signed, setting.spacing_m), setting.spacing_m)
     return denoise(points, normals, setting.spacing_m, sigma).normals
 
 

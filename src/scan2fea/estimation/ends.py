@@ -60,12 +60,16 @@ class End(Value):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Ends(Value):
-    """Both ends, and the length between them along the axis through (0, 0)."""
+    """Both ends, and the length between them along the axis through (0, 0).
+
+    alone : belief that of the two end faces only the low one was scanned, and that only the high one was.
+    """
 
     low: End
     high: End
     length_m: float
     std_m: float
+    alone: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -201,7 +205,9 @@ def find_ends(
     ends = low.end(share.sum(axis=(2, 3)), noises, 1.0), high.end(share.sum(axis=(0, 1)), noises, -1.0)
     at_axis = [end.position_m - float(end.slope @ end.pivot) for end in ends]
     var += sum(float(((end.slope_std * end.pivot) ** 2).sum()) for end in ends)
-    return Ends(low=ends[0], high=ends[1], length_m=at_axis[1] - at_axis[0], std_m=math.sqrt(var))
+    caps = share.sum(axis=(0, 2))  # (c, c): the first hypothesis is none
+    alone = float(caps[1:, 0].sum()), float(caps[0, 1:].sum())
+    return Ends(low=ends[0], high=ends[1], length_m=at_axis[1] - at_axis[0], std_m=math.sqrt(var), alone=alone)
 
 
 def _side(points: FloatArray, rough: tuple[float, float], sigma_m: float, cap_ratio_m: float, look: Look | None) -> _Side:

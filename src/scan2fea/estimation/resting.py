@@ -63,15 +63,10 @@ def standing(member: Member, footings: Sequence[Footing]) -> Member:
         length = member.parameters[-1]
         if member.bow.any() or member.twist.any() or member.change is not None or not length.observable or length.std_m is None:
             return member
-        T = np.asarray(member.T_world_member)
-        normal = footing.normal @ T[:3, :3]
-        if abs(normal[2]) < PARALLEL:
+        on = stands_on(member, footing)
+        if on is None:
             continue
-        at = float(footing.offset_m - footing.normal @ T[:3, 3]) / float(normal[2])
-        is_low = abs(at) < abs(at - length.value_m)
-        gap = -at if is_low else at - length.value_m
-        if not -REACH_SIGMAS * member.sigma_m <= gap <= _TAKEN * footing.band_m + REACH_SIGMAS * member.sigma_m:
-            continue
+        is_low, gap, normal = on
         std = math.hypot(length.std_m, footing.std_m, gap / math.sqrt(3))
         if not footing.is_support:
             member = _grown(member, length.name, length.value_m, std, np.zeros(3))
@@ -79,6 +74,18 @@ def standing(member: Member, footings: Sequence[Footing]) -> Member:
         moved = _grown(member, length.name, length.value_m + gap, std, np.array([0.0, 0.0, -gap if is_low else 0.0]))
         member = replace(_ended(moved, is_low, normal), seated=(*(name for name in member.seated if name != END), END))
     return member
+
+
+def stands_on(member: Member, footing: Footing) -> tuple[bool, float, FloatArray] | None:
+    """Whether the low end is at that plane or the high one, its gap (m) and the plane's normal (3,) in the member's frame; None where neither is."""
+    T, length = np.asarray(member.T_world_member), member.values()["length"]
+    normal = footing.normal @ T[:3, :3]
+    if abs(normal[2]) < PARALLEL:
+        return None
+    at = float(footing.offset_m - footing.normal @ T[:3, 3]) / float(normal[2])
+    is_low = abs(at) < abs(at - length)
+    gap = -at if is_low else at - length
+    return (is_low, gap, normal) if -REACH_SIGMAS * member.sigma_m <= gap <= _TAKEN * footing.band_m + REACH_SIGMAS * member.sigma_m else None
 
 
 def _grown(member: Member, name: str, value_m: float, std_m: float, shift: FloatArray) -> Member:

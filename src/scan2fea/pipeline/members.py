@@ -18,7 +18,7 @@ from scan2fea.pipeline.route import ESTIMATION, RECONSTRUCTION, Estimate, estima
 from scan2fea.tetmeshing import layered
 from scan2fea.types import Brep, Member, Route, TetMesh
 from scan2fea.verification.given import given_checks
-from scan2fea.verification.member import member_checks, strip_checks
+from scan2fea.verification.member import length_checks, member_checks, strip_checks
 
 GIVEN = "the input has faces: it enters at repair"
 ASKED = "free form: route.mode asks for it"
@@ -40,12 +40,14 @@ def choose_route(made: Made, source: Tracked[Part], config: Config, record: Reco
     if member is None:
         return None
     named = bool(config.route.member or config.estimation.family or (own is not None and own.family))
-    checks = (*member_checks(member, found.value.explains, given=named), *given_checks(found.value.n_contradicted))
+    open_end = found.value.open_end
+    checks = (*member_checks(member, found.value.explains, given=named, open_end=open_end), *given_checks(found.value.n_contradicted))
     failed = [check for check in checks if not check.passed]
     if failed and mode != ESTIMATION:
         denied = contradictions(found.value.given)
         why = f"free form, because as a member of family {member.family}: {failed[0].says}" + (f"; {denied}" if denied else "")
         made.route, made.refused = Route(name="reconstruction", reason=why), list(checks)
+        made.checks += length_checks(open_end)  # free form would close it there
         return None
     made.checks += checks
     return Tracked(member, found.key)
@@ -61,7 +63,8 @@ def told_after_all(made: Made, stopped: str) -> str:
         return stopped
     free = stopped or next(check.says for check in made.checks if not check.passed)
     made.route = Route(name="estimation", reason=f"{estimated.reason}; free form does not serve either: {free}")
-    made.checks = [*made.refused, *made.checks]
+    told = {check.name for check in made.refused}
+    made.checks = [*made.refused, *(check for check in made.checks if check.name not in told)]
     return ""
 
 

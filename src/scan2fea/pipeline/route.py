@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from scan2fea.errors import EstimationError, InputError
+from scan2fea.estimation.as_member import without_length
 from scan2fea.estimation.beside import strip_beside
 from scan2fea.estimation.catalogued import catalogued, with_standard_odds
 from scan2fea.estimation.damage import damages
@@ -23,6 +24,7 @@ from scan2fea.estimation.seated import seated
 from scan2fea.estimation.several import several_members
 from scan2fea.estimation.systematic import face_error
 from scan2fea.estimation.table import Table, read_table
+from scan2fea.estimation.unseen_end import unseen_end
 from scan2fea.kernel.noise import spacing
 from scan2fea.kernel.pinned import SEEN
 from scan2fea.kernel.pipe_path import pipe_path
@@ -50,6 +52,7 @@ class Estimate(Value):
 
     p_fixed : probability of data as far from the given dimensions as these if those were true; None where none was given or none is told.
     given : each given dimension beside what the points say of it.   whole : the user said that nothing hid the object and nothing was cut off it.
+    open_end : why its length is not told: the member may go on beyond the scan; "" where it is told or it explains nothing.
     strip : why it is only part of what was scanned, as an object of its own beside it shows; "" where none does.
     stray_share : of the points, off a member that explains the others, and no crowd.
     """
@@ -60,6 +63,7 @@ class Estimate(Value):
     p_fixed: float | None = None
     given: tuple[Given, ...] = ()
     whole: bool = False
+    open_end: str = ""
     strip: str = ""
     stray_share: float = 0.0
 
@@ -159,6 +163,7 @@ def _straight(
         member = rested(member, scan.cloud.points[inferred], spacing(scan.cloud.points[~inferred]))
     if member is fit.member:  # no face that its ring of points encloses
         member = standing(seated(measured, member, footings), footings)
+    member, fit = _ended(scan, member, fit, footings) if not options.whole and "length" not in section.fixed else (member, fit)
     told = fit.explanation
     face_m = face_error(told.pattern_m, told.p_value, fit.section.sigma_m) if fit.method == "density" else 0.0
     member = widened(member, scan.cloud, doubt, face_m)
@@ -174,8 +179,15 @@ def _straight(
         member = replace(member, damage=damages(scan.cloud.points, member, member.sigma_m, options.seed))
     return Estimate(
         member=member, explains=fit.explains, reason=_reason(fit, options), p_fixed=fit.p_fixed, given=fit.given, whole=options.whole, strip=strip,
-        stray_share=told.stray_share if fit.explains else 0.0,
+        stray_share=told.stray_share if fit.explains else 0.0, open_end=fit.why.get("length", "") if fit.explains else "",
     )  # fmt: skip
+
+
+def _ended(scan: Scan, member: Member, fit: MemberFit, footings: Sequence[Footing]) -> tuple[Member, MemberFit]:
+    """The member without its length where the scan may have been cut off at one end, and why in the fit."""
+    open_to_ask = member.parameters[-1].observable and fit.method == "density"  # hits and misses know where it ends
+    unseen = unseen_end(scan, fit.ends, member, footings) if open_to_ask else ""
+    return (without_length(member), replace(fit, why={**fit.why, "length": unseen})) if unseen else (member, fit)
 
 
 def _open(member: Member, options: MemberOptions) -> str:
@@ -208,12 +220,20 @@ def _reason(fit: MemberFit, options: MemberOptions) -> str:
     said = [fit.reason]
     if fit.p_fixed is not None:
         said.append(f"the dimensions given have a p-value of {fit.p_fixed:.3g}")
+    said += _of_ends(fit) if fit.explains and fit.method == "density" else []
     said += [fit.why["sensor"]] if "sensor" in fit.why and fit.explains else []
     if options.sigma_m is not None and fit.method == "density":
         stated = f"the noise was stated: {MILLIMETRES_PER_METRE * options.sigma_m:.3g} mm, known to {100 * options.sigma_error:g} %"
         said.append(fit.why.get("sigma", stated))
     denied = contradictions(fit.given)
     return "; ".join([*said, denied] if denied else said)
+
+
+def _of_ends(fit: MemberFit) -> list[str]:
+    """Why the length is not told, or that it rests on where the sides stop."""
+    bare = sum(end.cap_points == 0 for end in (fit.ends.low, fit.ends.high))
+    stops = f"of {('', 'one end', 'both ends')[bare]} no face was seen: the member is taken to end where the scan of its sides does"
+    return [fit.why["length"]] if "length" in fit.why else [stops] if bare else []
 
 
 def route_of(found: Estimate, mode: str) -> Route:

@@ -20,20 +20,22 @@ TOES = {
     "T": (("WEB_TOE",), ("FLANGE_TOE_RIGHT",), ("FLANGE_TOE_LEFT",)),
 }
 WALLS = ("t", "tw", "tf")  # may come from the catalogue; the verdict then says so. The sides of a bar are no walls.
+_NO_LENGTH = "where the member ends was not seen; scan its ends, or give its length"
 _BOTH_HALVES = 0.75  # of a flange's outer face: half of the half beyond the web at least
 STANDARD = 0.95  # probability at which the outer dimensions are those of a standard section
 
 
-def member_checks(member: Member, explains: bool, *, given: bool = False) -> tuple[Check, ...]:
-    """The points are explained, the family is not in doubt, the outer dimensions were seen, the inside is known, and so is the volume.
+def member_checks(member: Member, explains: bool, *, given: bool = False, open_end: str = "") -> tuple[Check, ...]:
+    """The points are explained, the family is not in doubt, the outer dimensions and both ends were seen, the inside is known, and so is the volume.
 
-    given : the user named the family: then a bar is no tube, and a thin wall is no bar that was half seen.
+    given : the user named the family: then a bar is no tube, and a thin wall is no bar that was half seen.   open_end : why its length is not told.
     """
-    unseen = sum(not p.observable for p in member.parameters if p.name not in WALLS or member.family == "rect")
+    unseen = sum(not p.observable for p in member.parameters[:-1] if p.name not in WALLS or member.family == "rect")
     return (
         at_most("member.unexplained", int(not explains)),
         at_least("member.family", member.families.get(member.family, 1.0)),
         at_most("member.unseen_dimensions", unseen),
+        *length_checks(open_end or ("" if member.parameters[-1].observable else _NO_LENGTH)),
         at_most("member.open_walls", 0 if given else open_walls(member)),
         at_most("member.walls_in_noise", 0 if given else walls_in_noise(member)),
         at_most("member.inside_unknown", 0 if given else int(member.inside == "unknown" or _is_open_bar(member))),
@@ -44,6 +46,11 @@ def member_checks(member: Member, explains: bool, *, given: bool = False) -> tup
 def strip_checks(reason: str) -> tuple[Check, ...]:
     """The failed check of an object beside which an object of its own runs, whatever it is made as: `reason` says so; none where nothing does."""
     return (holds("member.strip_beside", False, reason, "none"),) if reason else ()
+
+
+def length_checks(reason: str) -> tuple[Check, ...]:
+    """The failed check of a member one end of which may lie beyond the scan, whatever it is made as: `reason` says so; none where there is none."""
+    return (holds("member.length", False, reason, "told"),) if reason else ()
 
 
 def _is_open_bar(member: Member) -> bool:

@@ -49,8 +49,8 @@ def unseen_end(scan: Scan, ends: Ends, member: Member, footings: Sequence[Footin
     at = ", ".join(f"{x:.4g}" for x in place)
     return (
         f"no point of the end face at ({at}) m was seen, and the other end's was scanned: the scan may have been cut off there, and "
-        f"{MILLIMETRES_PER_METRE * sweep.length_m:.5g} mm is the least that the member can be long; scan that end, give the length, or say that "
-        "nothing was cut off (whole)"
+        f"{MILLIMETRES_PER_METRE * sweep.length_m:.5g} mm is the least that the member can be long; scan that end too, or, "
+        "where nothing was cut off, say so (whole = true, or its length as fixed)"
     )
 
 

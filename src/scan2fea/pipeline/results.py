@@ -257,9 +257,10 @@ def assumed(member: Member) -> str:
 
 
 def left_out(found: Estimate) -> str:
-    """How many points the member leaves to nothing, for the verdict's line, where they are more than one in twenty."""
-    share = found.stray_share
-    return f"; {share:.0%} of the points lie off it, scattered, and were taken for strays" if share > _MANY_STRAYS else ""
+    """Ends without a face that was seen, and how many points the member leaves to nothing, where more than one in twenty, for the verdict's line."""
+    share, bare = found.stray_share, ("", "one end", "both ends")[found.bare_ends]
+    ends = f"; of {bare} no face was seen: the member is taken to end where its sides do" if bare else ""
+    return ends + (f"; {share:.0%} of the points lie off it, scattered, and were taken for strays" if share > _MANY_STRAYS else "")
 
 
 def claimed(member: Member, found: Estimate) -> str:

@@ -19,7 +19,7 @@ from scan2fea.estimation.elbows import bent_back, laid_out
 from scan2fea.estimation.fit import SectionFit
 from scan2fea.estimation.given import Given, contradictions
 from scan2fea.estimation.member import MemberFit, MemberOptions, fit_member
-from scan2fea.estimation.resting import rested, standing
+from scan2fea.estimation.resting import END, rested, standing
 from scan2fea.estimation.seated import seated
 from scan2fea.estimation.several import several_members
 from scan2fea.estimation.systematic import face_error
@@ -53,6 +53,7 @@ class Estimate(Value):
     p_fixed : probability of data as far from the given dimensions as these if those were true; None where none was given or none is told.
     given : each given dimension beside what the points say of it.   whole : the user said that nothing hid the object and nothing was cut off it.
     open_end : why its length is not told: the member may go on beyond the scan; "" where it is told or it explains nothing.
+    bare_ends : ends of which no face was seen, and that rest on nothing.
     strip : why it is only part of what was scanned, as an object of its own beside it shows; "" where none does.
     stray_share : of the points, off a member that explains the others, and no crowd.
     """
@@ -64,6 +65,7 @@ class Estimate(Value):
     given: tuple[Given, ...] = ()
     whole: bool = False
     open_end: str = ""
+    bare_ends: int = 0
     strip: str = ""
     stray_share: float = 0.0
 
@@ -161,7 +163,8 @@ def _straight(
     member = fit.member
     if inferred is not None:
         member = rested(member, scan.cloud.points[inferred], spacing(scan.cloud.points[~inferred]))
-    if member is fit.member:  # no face that its ring of points encloses
+    is_rested = member is not fit.member
+    if not is_rested:  # no face that its ring of points encloses
         member = standing(seated(measured, member, footings), footings)
     member, fit = _ended(scan, member, fit, footings) if not options.whole and "length" not in section.fixed else (member, fit)
     told = fit.explanation
@@ -180,6 +183,7 @@ def _straight(
     return Estimate(
         member=member, explains=fit.explains, reason=_reason(fit, options), p_fixed=fit.p_fixed, given=fit.given, whole=options.whole, strip=strip,
         stray_share=told.stray_share if fit.explains else 0.0, open_end=fit.why.get("length", "") if fit.explains else "",
+        bare_ends=_bare_ends(fit, is_rested or END in member.seated),
     )  # fmt: skip
 
 
@@ -188,6 +192,12 @@ def _ended(scan: Scan, member: Member, fit: MemberFit, footings: Sequence[Footin
     open_to_ask = member.parameters[-1].observable and fit.method == "density"  # hits and misses know where it ends
     unseen = unseen_end(scan, fit.ends, member, footings) if open_to_ask else ""
     return (without_length(member), replace(fit, why={**fit.why, "length": unseen})) if unseen else (member, fit)
+
+
+def _bare_ends(fit: MemberFit, rests: bool) -> int:
+    """Ends of which no face was seen, but for one that rests on a plane; hits and misses know where a member ends without."""
+    bare = sum(end.cap_points == 0 for end in (fit.ends.low, fit.ends.high)) if fit.explains and fit.method == "density" else 0
+    return max(bare - rests, 0)
 
 
 def _open(member: Member, options: MemberOptions) -> str:
@@ -220,20 +230,13 @@ def _reason(fit: MemberFit, options: MemberOptions) -> str:
     said = [fit.reason]
     if fit.p_fixed is not None:
         said.append(f"the dimensions given have a p-value of {fit.p_fixed:.3g}")
-    said += _of_ends(fit) if fit.explains and fit.method == "density" else []
+    said += [fit.why["length"]] if "length" in fit.why and fit.explains else []
     said += [fit.why["sensor"]] if "sensor" in fit.why and fit.explains else []
     if options.sigma_m is not None and fit.method == "density":
         stated = f"the noise was stated: {MILLIMETRES_PER_METRE * options.sigma_m:.3g} mm, known to {100 * options.sigma_error:g} %"
         said.append(fit.why.get("sigma", stated))
     denied = contradictions(fit.given)
     return "; ".join([*said, denied] if denied else said)
-
-
-def _of_ends(fit: MemberFit) -> list[str]:
-    """Why the length is not told, or that it rests on where the sides stop."""
-    bare = sum(end.cap_points == 0 for end in (fit.ends.low, fit.ends.high))
-    stops = f"of {('', 'one end', 'both ends')[bare]} no face was seen: the member is taken to end where the scan of its sides does"
-    return [fit.why["length"]] if "length" in fit.why else [stops] if bare else []
 
 
 def route_of(found: Estimate, mode: str) -> Route:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -95,3 +97,14 @@ def test_a_strip_askew_or_seen_in_its_middle_only_is_another_thing() -> None:
     askew = whole + np.c_[0.2 * whole[:, 2], np.zeros((500, 2))]
     ends = whole[(whole[:, 2] < 0.1) | (whole[:, 2] > 0.9)]
     assert strip_beside(made("rect"), [askew, ends]) == ""
+
+
+def test_a_body_beyond_a_face_that_nobody_saw_may_be_the_rest_of_it() -> None:
+    """A flange of an I, and the tee that is left of it, its web half seen: the flange had been built as a flat of its own."""
+    bar = made("rect")
+    tee = np.concatenate([strip(400, 0.0, 1.0, (x, y)) for x, y in ((-0.05, 0.15), (-0.01, 0.15), (0.03, 0.15), (-0.005, 0.08), (-0.005, 0.11))])
+    hidden = replace(bar, seen={**dict.fromkeys(faces("rect"), 1.0), "TOP": 0.0})
+    assert "an object of their own" in strip_beside(hidden, [tee])
+    assert strip_beside(replace(bar, seen=dict.fromkeys(faces("rect"), 1.0)), [tee]) == ""
+    assert strip_beside(replace(hidden, seen={**hidden.seen, "TOP": 1.0, "BOTTOM": 0.0}), [tee]) == ""
+    assert strip_beside(hidden, [tee + [0.0, 0.0, 0.03]]) == ""

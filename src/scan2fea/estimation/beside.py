@@ -5,7 +5,7 @@ clutter neither keeps to one line along the member nor lies there as close as on
 fillets and roundings lie within.
 
 Where that strip stands far off, segmentation has made it an object of its own (`segmentation.strips`): then it is known by ending where the member
-does.
+does. So is all that lies beyond a face which nobody saw, thin or not: a flange, and the tee that is the rest of its I.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from scipy.spatial import ConvexHull, cKDTree
 from scipy.special import pdtrc
 
 from scan2fea.estimation.explain import TOLERANCE
+from scan2fea.estimation.straight import straight_faces
 from scan2fea.estimation.swept import sweep_of_member
+from scan2fea.kernel.pinned import SEEN
 from scan2fea.kernel.sections import ROUND, section
 from scan2fea.types import FloatArray, Member
 from scan2fea.units import MILLIMETRES_PER_METRE
@@ -31,6 +33,8 @@ _SLICES, _IN_EACH = 6, 0.25  # along the member: most hold that part of their sh
 _NEAR = 2.0  # of the largest side of the section: no wall of the usual sections reaches farther beyond another
 _ROWS = 4.0  # mean distances of a strip's points along the member: at an end chance leaves more once in 50
 _MOST = 4  # of them: filters take thin strips out here and there
+_FLAT, _THICK_SIGMAS = 0.25, 10.0  # of its width, a thin strip's thickness; of the noise, that it may be thick all the same
+_BEYOND = 0.9  # of the points of what lies beyond a face
 
 
 def beside(points: FloatArray, member: Member) -> str:
@@ -69,7 +73,8 @@ def strip_beside(member: Member, strips: Sequence[FloatArray]) -> str:
         away = _off_hull(member, local[:, :2])
         reach = _SIGMAS * member.sigma_m + _ROWS * length / len(points)
         ends = float(local[:, 2].min()), float(local[:, 2].max()) - length
-        is_along = float(np.ptp(local[:, :2], axis=0).max()) < size and float(away.max()) < _NEAR * size
+        widest = size if _is_thin(local[:, :2], member.sigma_m) else _NEAR * size if _is_hidden_by(member, local, reach) else 0.0
+        is_along = float(np.ptp(local[:, :2], axis=0).max()) < widest and float(away.max()) < _NEAR * size
         if is_along and max(abs(end) for end in ends) < reach and _runs_along(np.clip(local[:, 2], 0, length), length):
             off = MILLIMETRES_PER_METRE * float(np.median(away))
             return (
@@ -77,6 +82,21 @@ def strip_beside(member: Member, strips: Sequence[FloatArray]) -> str:
                 "it is only part of what was scanned, or something else lies beside it; scan the rest, or join them in labels.csv"
             )
     return ""
+
+
+def _is_thin(xy: FloatArray, sigma_m: float) -> bool:
+    """Whether points (n, 2) across the member lie on a strip."""
+    thick, wide = np.sqrt(12 * np.maximum(np.linalg.eigvalsh(np.cov(xy.T)), 0.0))
+    return bool(thick < max(_FLAT * wide, _THICK_SIGMAS * sigma_m))
+
+
+def _is_hidden_by(member: Member, local: FloatArray, reach_m: float) -> bool:
+    """Whether points (n, 3) in the member's frame lie beyond a face of it that nobody saw."""
+    if member.family in ROUND:
+        return False
+    unseen = [face for face in straight_faces(member)[0] if member.seen.get(face.name, 1.0) < SEEN]
+    beyond = [(face.outward * (local[:, face.axis] - face.place) > -reach_m).mean() for face in unseen]
+    return max(beyond, default=0.0) > _BEYOND
 
 
 def _off_hull(member: Member, xy: FloatArray) -> FloatArray:

@@ -1,19 +1,18 @@
-"""Strips beside an object: thin flat pieces as long as it is, which may be all that was seen of another wall of it.
+"""Strips beside an object: narrow things as long as it is, which may be all that was seen of another wall of it, or of the rest of it.
 
 Of a tee whose web hides its own sides from the scanner only the end of the web is left, a strip far off the flange: connectivity makes it an
-object of its own. Whether it goes on where the member goes on is for estimation to say (`estimation.beside`).
+object of its own; of an I whose web was half seen there are a flange and a tee. Whether it goes on where the member goes on is for estimation to
+say (`estimation.beside`).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from scan2fea.kernel.noise import noise_sigma
 from scan2fea.types import FloatArray, PointCloud, Segments
 
 _LONG = 0.5  # of the object's own length
-_NARROW = 0.25  # of its length, a strip's width; of its width, its thickness
-_SIGMAS = 3.0  # of the object's noise, that a strip may be thick all the same
+_NARROW = 0.25  # of its length, a strip's width
 _LEAST = 30  # points
 
 
@@ -21,8 +20,6 @@ def strips_beside(own: PointCloud, cloud: PointCloud, segments: Segments, label:
     """Points (k, 3) of each strip in a box around the object, as far out again as that is wide; of its own label none, of supports none."""
     low, high = own.points.min(axis=0), own.points.max(axis=0)
     extent = _spread(own.points)
-    sigma = noise_sigma(own.points)
-    thin = _SIGMAS * sigma if np.isfinite(sigma) else 0.0
     margin = 2 * extent[1]
     near = (segments.labels >= 0) & (segments.labels != label)
     near[near] = ((cloud.points[near] > low - margin) & (cloud.points[near] < high + margin)).all(axis=1)
@@ -32,7 +29,7 @@ def strips_beside(own: PointCloud, cloud: PointCloud, segments: Segments, label:
         if segments.kinds[other] == "support" or len(points) < _LEAST:
             continue
         size = _spread(points)
-        if size[0] > _LONG * extent[0] and size[1] < _NARROW * size[0] and size[2] < max(_NARROW * size[1], np.sqrt(12) * thin):
+        if size[0] > _LONG * extent[0] and size[1] < _NARROW * size[0]:
             found.append(points)
     return tuple(found)
 

@@ -49,6 +49,12 @@ def test_the_other_skin_of_a_wall_is_no_other_scan():
     assert frame_noise(points, normals, frame).between == 0.0
 
 
+def test_a_sliver_that_two_scans_share_tells_nothing():
+    points, normals, frame = sheets([0.0, APART], n=6000)
+    seen = (frame == 0) | (points[:, 0] > 0.049)
+    assert frame_noise(points[seen], normals[seen], frame[seen]) is None
+
+
 def test_one_scan_changes_nothing():
     points, normals, frame = sheets([0.0])
     assert frame_noise(points, normals, frame) is None

@@ -19,9 +19,9 @@ from scan2fea.types import FloatArray, IntArray
 
 PATCHES, NEIGHBORS = 1_000, 64
 LEAST, FREE = 3, 8  # points of a frame in a patch, and degrees of freedom left in it
-PAIRS = 30  # of frames in patches, below which nothing is said
+PAIRS, SHARED = 30, 0.1  # pairs of frames, and share of the patches that have any: where few do, wrong normals bring the skins of a wall together
 QUANTILE = 0.75  # of the pairs: a quarter may lie across an edge; more of them than half, as some places are bent more than others
-COUNTS = 0.5  # of the noise within a frame: less adds a tenth to it, and chance shows that too
+COUNTS = 1.0  # of the noise within a frame: chance, and skins that mix, show less in scans that agree
 HALVINGS = 60
 
 
@@ -50,7 +50,7 @@ def frame_noise(points: FloatArray, normals: FloatArray, frame: IntArray, seed: 
     patches = [(row, around[use]) for row, around, use in zip(rows, near, alike, strict=True)]
     told = [_heights(points[patch] - points[row], normals[row], frame[patch]) for row, patch in patches]
     pairs = np.concatenate([pair for pair, _ in told])
-    if len(pairs) < PAIRS:
+    if len(pairs) < PAIRS or sum(len(pair) > 0 for pair, _ in told) < SHARED * len(rows):
         return None
     within = float(np.sqrt(np.median([variance for pair, variance in told if len(pair)])))
     between = _between(np.abs(pairs[:, 0]), pairs[:, 1])

@@ -32,7 +32,6 @@ _RESOLVED = 4.0  # sigma: a box has the kurtosis of two Gaussian sheets 3.7 of t
 _FLATTEST_TUBE = 4.0  # h / b: nine in ten rectangular tubes of sections.csv are at most 3; flatter is rather a plate
 _STILL_IN = 100.0  # BIC units behind the best at which a hypothesis is dropped: no law of noise or trimming of the ends brought one back from there
 _STRAYS = 0.01  # of the points, off the best section: more than few strays, and the section may be another one
-_RISE = 10  # steps on the first points before sections on lines are compared: a wall off by a sigma outweighs a face that nothing explains
 _WALLS = 4  # of a tube: each may be turned once
 _VERY_STRONG = 10.0  # BIC units (Kass and Raftery 1995)
 _LAW_PRICE = _VERY_STRONG  # that a law other than Gauss's must gain
@@ -133,10 +132,9 @@ def _on_lines(scene: Scene, best: Candidate, families: Sequence[str]) -> list[Ca
         for values, turn, place in sections_on_lines(scene.points[:, :2], family, roll, sigma):
             theta = np.array([*values, turn, *place, math.log(sigma), math.log(_STRAYS)])
             weight = np.maximum(snapped(seen_weights(scene.model(layout, "gaussian", None, few=True), theta)), 1e-3)
-            few = scene.model(layout, "gaussian", weight, few=True)
-            tried.append(climbed(few, theta, scene.size_m, fixed=scene.held(layout), max_iterations=_RISE))
+            tried.append((float(scene.model(layout, "gaussian", weight, few=True).levels(theta[None])[0]), theta))
         if tried:
-            theta = max(tried, key=lambda one: one.log_posterior).theta
+            theta = max(tried, key=lambda one: one[0])[1]
             start = replace(best, layout=layout, theta=theta, noise="gaussian", face_weight=None, bic=math.inf)
             found += _hidden_from(scene, start)
     return found
@@ -228,7 +226,8 @@ def _tube_of(scene: Scene, bar: Candidate, families: Sequence[str]) -> list[Cand
         theta[layout.place["h"]] = old.get(bar.theta, "t")
     wall = usual_wall(outer)
     theta[layout.place["t"]] = wall
-    model = scene.model(layout, bar.noise, _of_outside(scene, tube, bar))
+    weight = _of_outside(scene, tube, bar)
+    model = scene.model(layout, bar.noise, weight)
     done = climbed(model, theta, scene.size_m, fixed={**scene.held(layout), "t": wall})
     return [candidate_of(scene, model, done, bar.price + len(old.free_faces) * math.log(len(scene.points)) + 2 * math.log(2))]
 
@@ -236,7 +235,7 @@ def _tube_of(scene: Scene, bar: Candidate, families: Sequence[str]) -> list[Cand
 def _of_outside(scene: Scene, tube: str, bar: Candidate) -> FloatArray:
     """(f,) weights of a tube's faces where its outer ones are those of the bar and no inner one was seen; what the bar had to choose is its price."""
     seen = scene.model(bar.layout, bar.noise, bar.face_weight).weights(bar.theta)
-    outer = {} if seen is None else dict(zip(faces(bar.family), (seen / seen.max()).tolist(), strict=True))
+    outer = dict.fromkeys(faces(bar.family), 1.0) if seen is None else dict(zip(faces(bar.family), (seen / seen.max()).tolist(), strict=True))
     return np.array([0.0 if name.endswith("INNER") else outer.get(name.removesuffix("_OUTER"), 1.0) for name in faces(tube)])
 
 

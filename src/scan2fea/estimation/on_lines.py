@@ -3,8 +3,7 @@
 From afar all faces of a section count alike, and two of which one was seen much better than the other flow together: the wall between them closes up
 and never opens again. Once the roll is known nothing need be searched. Every face lies on a line x = c or y = c of the section's frame, at an offset
 that is linear in the dimensions, so lines give to as many faces of a family as it has unknowns are solved for those. Each way of giving lines to
-faces is a hypothesis; those that explain the most points are kept. Where lines are too few the places where those across them end stand in: beside
-the hypotheses on lines alone, since they may be better.
+faces is a hypothesis; those that explain the most points are kept.
 """
 
 from __future__ import annotations
@@ -26,47 +25,31 @@ _SURE = 5.0  # standard deviations of what lies beside it that a line stands out
 _LEAST = 0.01  # of the points, on a line
 _MOST_LINES = 6  # of one direction
 _SAME = 3.0  # sigma: a line and a face are at one place
-_ROUNDS = 3  # of a run's ends and densities
-_OF_END = 0.1  # of a line's points: what its end weighs beside a line of its own, since a shadow ends a face as well as a corner does
 _KEPT = 4  # ways of giving the lines of one direction to faces
 _MOST = 6  # hypotheses of a family
 _QUARTERS: Mapping[str, int] = {"L": 4, "C": 4, "T": 4, "I": 2, "RHS": 1}  # quarter turns that make a different section
 _WALL = {"L": ("t", "t"), "RHS": ("t", "t"), "C": ("tw", "tf"), "I": ("tw", "tf"), "T": ("tw", "tf")}  # across x, across y
 _OUTER = {"L": ("a", "b"), "RHS": ("b", "h"), "C": ("b", "h"), "I": ("b", "h"), "T": ("b", "h")}
-_Placed = tuple[float, FloatArray, float, FloatArray]  # score, dimensions, roll, place
 
 
 def sections_on_lines(xy: FloatArray, family: str, roll: float, sigma_m: float) -> list[tuple[FloatArray, float, FloatArray]]:
     """Dimensions (p,), roll and place (2,) of the sections of a family on lines of the points (n, 2), best first; none of round ones and flats.
 
-    Those on lines alone come before those that also need places where lines end.
     roll : of the section's x, rad, to a quarter turn.   sigma_m : noise of the points.
     """
-    on_lines: list[_Placed] = []
-    on_ends: list[_Placed] = []
+    found: list[tuple[float, FloatArray, float, FloatArray]] = []
     for quarter in range(_QUARTERS.get(family, 0)):
         turn = roll + quarter * math.pi / 2
         c, s = math.cos(turn), math.sin(turn)
         own = xy @ np.array([[c, -s], [s, c]])
-        told = [lines(own[:, axis], sigma_m) for axis in (0, 1)]
-        more = [_with_ends(family, axis, own, told, sigma_m) for axis in (0, 1)]
-        on_lines += _placed(family, turn, told, sigma_m)
-        if any(len(both[0]) > len(alone[0]) for both, alone in zip(more, told, strict=True)):
-            on_ends += _placed(family, turn, more, sigma_m)
-    best = [sorted(found, key=lambda one: -one[0])[:_MOST] for found in (on_lines, on_ends)]
-    return [one[1:] for found in best for one in found]
-
-
-def _placed(family: str, turn: float, told: list[tuple[FloatArray, FloatArray]], sigma_m: float) -> list[_Placed]:
-    """Score, dimensions, roll and place of the sections turned by `turn` on the lines across both of its directions."""
-    c, s = math.cos(turn), math.sin(turn)
-    found = []
-    for along_x, along_y in itertools.product(*(_ways(family, axis, *told[axis], sigma_m) for axis in (0, 1))):
-        values = _together(family, along_x[1], along_y[1], sigma_m)
-        if values is not None:
-            x, y = along_x[1]["place"], along_y[1]["place"]
-            found.append((along_x[0] + along_y[0], values, turn, np.array([c * x - s * y, s * x + c * y])))
-    return found
+        ways = [_ways(family, axis, *lines(own[:, axis], sigma_m), sigma_m) for axis in (0, 1)]
+        for along_x, along_y in itertools.product(*ways):
+            values = _together(family, along_x[1], along_y[1], sigma_m)
+            if values is not None:
+                x, y = along_x[1]["place"], along_y[1]["place"]
+                found.append((along_x[0] + along_y[0], values, turn, np.array([c * x - s * y, s * x + c * y])))
+    found.sort(key=lambda one: -one[0])
+    return [one[1:] for one in found[:_MOST]]
 
 
 def lines(at: FloatArray, sigma_m: float) -> tuple[FloatArray, FloatArray]:
@@ -91,48 +74,6 @@ def lines(at: FloatArray, sigma_m: float) -> tuple[FloatArray, FloatArray]:
         more[np.abs(order - order[k]) <= 2 * half] = 0.0
     by_place = np.argsort(places)
     return np.array(places)[by_place], np.array(weights)[by_place]
-
-
-def _with_ends(family: str, axis: int, own: FloatArray, told: list[tuple[FloatArray, FloatArray]], sigma_m: float) -> tuple[FloatArray, FloatArray]:
-    """The lines across one axis; where they are fewer than its unknowns, also the places at which the lines along it begin and end.
-
-    A face that nobody saw is where its neighbours stop: of an angle of which one leg and the other's toe were seen no line runs along that other leg.
-    """
-    places, weights = told[axis]
-    if len(places) >= len(_offsets(family, axis)[0]):
-        return places, weights
-    ends: list[tuple[float, float]] = []
-    for line in told[1 - axis][0]:
-        along = np.sort(own[np.abs(own[:, 1 - axis] - line) <= _WIDE * sigma_m, axis])
-        low, high = densest_run(along)
-        ends += [(float(along[at]), _OF_END * (high - low)) for at in (low, high)]
-    known = list(zip(places.tolist(), weights.tolist(), strict=True))
-    for at, weight in sorted(ends, key=lambda one: -one[1]):
-        if len(known) < _MOST_LINES and min((abs(at - place) for place, _ in known), default=math.inf) > _SAME * sigma_m:
-            known.append((at, weight))
-    table = np.array(sorted(known), float).reshape(-1, 2)
-    return table[:, 0], table[:, 1]
-
-
-def densest_run(along: FloatArray) -> tuple[int, int]:
-    """First and last row of the stretch of sorted places (n,) that is likeliest to hold a line, as even points among fewer even ones.
-
-    Two Poisson densities: a place in the stretch gains log(in / out), a metre of it costs in - out (a scan statistic).
-    """
-    n, extent = len(along), float(np.ptp(along))
-    half = max(n // 2, 1)
-    if n < 2 or extent <= 0:
-        return 0, max(n - 1, 0)
-    inside, low, high = half / max(float((along[half:] - along[:-half]).min()), 1e-9 * extent), 0, n - 1
-    for _ in range(_ROUNDS):
-        outside = max((n - (high - low)) / extent, 0.01 * inside)
-        inside = max(inside, 1.5 * outside)
-        cost = np.arange(n) - along * (inside - outside) / math.log(inside / outside)
-        least = np.minimum.accumulate(cost)
-        high = int(np.argmax(cost - least))
-        low = int(np.argmin(cost[: high + 1]))
-        inside = (high - low) / max(float(along[high] - along[low]), 1e-9 * extent)
-    return low, high
 
 
 @functools.cache

@@ -76,7 +76,7 @@ def test_a_tee_of_which_no_side_of_the_web_was_seen_is_no_flat(values, sigma, n)
     if found.member.family == "T":  # found on the lines of its points
         assert not next(p for p in found.member.parameters if p.name == "tw").observable
     else:
-        assert not found.explains and "run along beside a rect member" in found.reason
+        assert not found.explains and "run along beside the rect member" in found.reason
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -249,5 +249,5 @@ def test_walls_of_the_table_that_leave_no_section_are_not_built():
     covariance = np.diag([1e-10, 0, 0, 0, 1e-10])
     hidden = replace(member, parameters=parameters, covariance=covariance)
     flat = Table(shapes=tuple(replace(s, parameters={**s.parameters, "tf": 0.6 * s.parameters["h"]}) for s in TABLE.of("C")[:3]), source="flat")
-    with pytest.raises(EstimationError, match="no size of the table goes with what was seen of a C member"):
+    with pytest.raises(EstimationError, match="no size of the table goes with what was seen of the C member"):
         catalogued(hidden, flat)

@@ -57,7 +57,7 @@ def beside(points: FloatArray, member: Member) -> str:
     if not (is_dense and _is_crowd(len(own), len(strays), share) and _runs_along(strays[own, 2], length)):
         return ""
     return (
-        f"{len(own)} points run along beside a {member.family} member, {MILLIMETRES_PER_METRE * float(np.median(away[own])):.3g} mm off it "
+        f"{len(own)} points run along beside the {member.family} member, {MILLIMETRES_PER_METRE * float(np.median(away[own])):.3g} mm off it "
         "and as close as on its faces: it is only part of what was scanned, or something else lies beside it; scan the rest, or segment it"
     )
 
@@ -78,7 +78,7 @@ def strip_beside(member: Member, strips: Sequence[FloatArray]) -> str:
         if is_along and max(abs(end) for end in ends) < reach and _runs_along(np.clip(local[:, 2], 0, length), length):
             off = MILLIMETRES_PER_METRE * float(np.median(away))
             return (
-                f"{len(points)} points, an object of their own, run along a {member.family} member {off:.3g} mm off it and end where it ends: "
+                f"{len(points)} points, an object of their own, run along the {member.family} member {off:.3g} mm off it and end where it ends: "
                 "it is only part of what was scanned, or something else lies beside it; scan the rest, or join them in labels.csv"
             )
     return ""

@@ -48,7 +48,7 @@ def catalogued(member: Member, table: Table | None = None) -> Member:
     try:
         check_section(built.family, built.values())
     except UsageError as error:
-        raise EstimationError(f"no size of the table goes with what was seen of a {member.family} member ({prior.name} would be: {error})") from error
+        raise EstimationError(f"no size of the table goes with what was seen of the {member.family} member ({prior.name} would be: {error})") from error
     return replace(built, catalogue=_with_prior(entries, prior))
 
 

@@ -53,7 +53,7 @@ def continued(points: FloatArray, member: Member) -> str:
         for one, end in ends:
             if end.edge_m > _CLEAR * end.std_m + (0.0 if short else TOLERANCE * size):
                 return (
-                    f"{one.name} goes on {end.edge_m * MILLIMETRES_PER_METRE:.3g} mm beyond {name}: a {member.family} is only part of what was "
+                    f"{one.name} goes on {end.edge_m * MILLIMETRES_PER_METRE:.3g} mm beyond {name}: the {member.family} is only part of what was "
                     "scanned, or something else is in line with it; scan the rest, or segment it"
                 )
     return ""

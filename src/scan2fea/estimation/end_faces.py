@@ -55,7 +55,7 @@ def cut_askew(ends: Ends, family: str) -> str:
         if end.cap_points == 0 and tilt > SQUARE + SURE * float(np.hypot(*(slope * std))) / max(tilt, 1e-300):
             degrees = math.degrees(math.atan(tilt))
             return (
-                f"the sides of a {family} member stop along a plane {degrees:.1f} degrees off square, and of the face there nothing was seen: "
+                f"the sides of the {family} member stop along a plane {degrees:.1f} degrees off square, and of the face there nothing was seen: "
                 "the scan may have been cut off there, not the member; scan its end, or say that nothing was cut off (whole)"
             )
     return ""

@@ -40,6 +40,6 @@ def ends_show_more(points: FloatArray, member: Member) -> str:
         return ""
     unseen = f"{', '.join(told)} {'was' if len(told) == 1 else 'were'} not seen"
     return (
-        f"{at_ends} points in the planes of its ends lie beside a {member.family} member of which {unseen}: "
+        f"{at_ends} points in the planes of its ends lie beside the {member.family} member of which {unseen}: "
         "it is only part of what was scanned; scan that side too"
     )

@@ -143,7 +143,7 @@ def explanation(
 
 def _reason(f: Mapping[str, float], voids: int, not_flat: int, member: Member, along_rays: bool) -> str:
     """Why the member does not explain the points; empty where it does."""
-    what = f"a {member.family} member"
+    what = f"the {member.family} member"
     if f["slenderness"] < MIN_SLENDER and member.family != "rect":
         return f"{what} would be shorter than its section is wide (length / width {f['slenderness']:.2f}): no member, or only a piece of one"
     if _is_degenerate(member):
@@ -190,7 +190,7 @@ def _is_degenerate(member: Member) -> bool:
 def _praise(f: Mapping[str, float], member: Member, n_covered: int) -> str:
     covered = f"; at {n_covered} place{'s' * (n_covered > 1)} another body lies on it, and what is below was not seen" if n_covered else ""
     return (
-        f"a {member.family} member explains {100 * (1 - f['stray_share']):.1f} % of the points with an rms of {1e3 * f['rms_m']:.3g} mm; "
+        f"the {member.family} member explains {100 * (1 - f['stray_share']):.1f} % of the points with an rms of {1e3 * f['rms_m']:.3g} mm; "
         f"{100 * f['off_share']:.1f} % of them lie where it is off by more than noise and mill tolerance{covered}"
     )
 

@@ -203,7 +203,7 @@ def _bare_ends(fit: MemberFit, rests: bool) -> int:
 def _open(member: Member, options: MemberOptions) -> str:
     """Why no dimension of a member that explains the points is told, and what the user may know of it."""
     seen = ", ".join(name for name, share in member.seen.items() if share >= SEEN) or "none"
-    says = f"no dimension of a {member.family} member was seen: where its seen faces ({seen}) end, the scan may end"
+    says = f"no dimension of the {member.family} member was seen: where its seen faces ({seen}) end, the scan may end"
     return says if options.whole else f"{says}; if nothing hid it and nothing was cut off it, say so (estimation.whole = true)"
 
 

@@ -48,7 +48,8 @@ def catalogued(member: Member, table: Table | None = None) -> Member:
     try:
         check_section(built.family, built.values())
     except UsageError as error:
-        raise EstimationError(f"no size of the table goes with what was seen of the {member.family} member ({prior.name} would be: {error})") from error
+        says = f"no size of the table goes with what was seen of the {member.family} member ({prior.name} would be: {error})"
+        raise EstimationError(says) from error
     return replace(built, catalogue=_with_prior(entries, prior))
 
 

@@ -21,22 +21,18 @@ _DEEP = 4.0  # sigma below a face: one point of a side in 30,000 gets there
 _THICKEST = 0.25  # of the smaller side: no wall is thicker (sections.csv: 0.18 at most), so the ring of a tube's cap stays out of the core
 _NEAR = 3.5  # sigma from an end
 _SHARE = 0.01  # of the length: what the ends are known to
-_EXPECTED = 5.0  # points on the caps' cores from which their absence says something
-_CAPS_UNSEEN = 0.3  # belief that the caps of a bar were not scanned
-_MOST = 50.0  # log odds are capped: nothing is that certain
 
 
 @dataclass(frozen=True, kw_only=True)
 class EndView(Value):
     """n_core : points of the core near the ends.   n_elsewhere : those expected there by what lies in the core elsewhere.
 
-    n_cap : points of the core that caps as dense as the sides would show.   log_odds : of a bar against a section with walls, from the ends alone.
+    n_cap : points of the core that caps as dense as the sides would show.
     """
 
     n_core: int
     n_elsewhere: float
     n_cap: float
-    log_odds: float
 
 
 def end_view(points: FloatArray, bar: Candidate, ends: tuple[float, float], z_range: tuple[float, float]) -> EndView:
@@ -52,7 +48,7 @@ def end_view(points: FloatArray, bar: Candidate, ends: tuple[float, float], z_ra
     reach = _NEAR * sigma + _SHARE * (high - low)
     middle = high - low - 2 * reach
     if (depth <= 0).any() or middle <= 0:
-        return EndView(n_core=0, n_elsewhere=0.0, n_cap=0.0, log_odds=0.0)
+        return EndView(n_core=0, n_elsewhere=0.0, n_cap=0.0)
     if layout.family == "round":
         core, core_area = np.hypot(*u.T) < depth[0], math.pi * depth[0] ** 2
     else:
@@ -63,11 +59,4 @@ def end_view(points: FloatArray, bar: Candidate, ends: tuple[float, float], z_ra
     n_core = int((core & at_end).sum())
     n_elsewhere = (float((core & inner).sum()) + 0.5) * 4 * reach / middle
     n_cap = 2 * core_area * float((inner & ~core).sum()) / (float(face_lengths(layout.family, values).sum()) * middle)
-    return EndView(n_core=n_core, n_elsewhere=n_elsewhere, n_cap=n_cap, log_odds=_log_odds(n_core, n_elsewhere, n_cap))
-
-
-def _log_odds(n_core: int, n_elsewhere: float, n_cap: float) -> float:
-    """Poisson counts: a bar shows between none (caps unseen) and n_cap points beyond those that lie there anyway, a tube none."""
-    if n_core > n_elsewhere:
-        return min(n_core * math.log(n_core / n_elsewhere) - (n_core - n_elsewhere), _MOST)
-    return math.log(_CAPS_UNSEEN) if n_cap > _EXPECTED else 0.0
+    return EndView(n_core=n_core, n_elsewhere=n_elsewhere, n_cap=n_cap)

@@ -115,8 +115,8 @@ def search(scene: Scene, families: Sequence[str], *, may_hide: bool = True, seed
             for candidate in _half_seen(scene, begun, {c.family for c in explored}):
                 found += hidden_faces(scene, candidate)
         found += _on_lines(scene, min(found, key=lambda c: c.bic), families)
-        bar = min((c for c in found if c.family == "rect"), key=lambda c: c.bic, default=plain)
-        found += _tube_of(scene, bar, families) if bar is not plain else []
+        best = min(found, key=lambda c: c.bic)  # beside another family the likeness of a bar that lost would only count it twice
+        found += _tube_of(scene, best, families) if best is not plain else []
     return sorted(found, key=lambda c: c.bic)
 
 

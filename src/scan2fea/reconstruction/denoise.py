@@ -66,18 +66,23 @@ def first_normals(points: FloatArray, toward: FloatArray, spacing_m: float, fram
 
     toward : (n, 3) unit vectors on the outer side.   frame : (n,) the scan each point came from, where several may lie off each other.
     """
-    radius, between = NORMAL_RADIUS * spacing_m, 0.0
+    radius = NORMAL_RADIUS * spacing_m
     for _ in range(3):
         near = near_lists(points, radius)
         normals = side_normals(near, toward)
-        sigma, between = sigma_of_scans(points, normals, frame, noise_sigma(points, normals))
+        sigma = noise_sigma(points, normals)
         if math.isfinite(sigma):
-            normals = _settled(near, normals, toward, sigma, spacing_m, 1.0 if between > 0 else NOT_FLAT)
-            sigma, between = sigma_of_scans(points, normals, frame, noise_sigma(points, normals))
+            normals = _settled(near, normals, toward, sigma, spacing_m, NOT_FLAT)
+            sigma = noise_sigma(points, normals)
         wider = min(4.0 * sigma, 6.0 * spacing_m) if math.isfinite(sigma) else 6.0 * spacing_m
         if wider <= 1.1 * radius:
             break
         radius = wider
+    # asked of settled normals, once: in a wider radius the skins of a wall would mix, lie off each other by its thickness, and widen it again
+    sigma, between = sigma_of_scans(points, normals, frame, sigma)
+    if between > 0.0:
+        near = near_lists(points, max(radius, min(4.0 * sigma, 6.0 * spacing_m)))
+        normals = _settled(near, side_normals(near, toward), toward, sigma, spacing_m, 1.0)
     return FirstNormals(normals, sigma if math.isfinite(sigma) else radius / 4.0, between)
 
 

@@ -54,11 +54,16 @@ def fitted(points: FloatArray, outward: FloatArray, spacing_m: float, frame: Int
     radius, widest = FIT_RADIUS * spacing_m, WIDEST_FIT * spacing_m
     while True:
         normals = side_normals(near_lists(points, radius), outward)
-        sigma, between = sigma_of_scans(points, normals, frame, noise_sigma(points, normals))
+        sigma = noise_sigma(points, normals)
         wanted = FIT_OVER_NOISE * sigma if math.isfinite(sigma) else FIT_GROWTH * radius
         if min(wanted, widest) <= 1.1 * radius:
-            return normals, sigma if math.isfinite(sigma) else _scatter(points, normals, radius), between
+            break
         radius = min(wanted, widest)
+    sigma, between = sigma_of_scans(points, normals, frame, sigma)
+    wider = min(FIT_OVER_NOISE * sigma, widest)
+    if between > 0.0 and wider > 1.1 * radius:
+        normals = side_normals(near_lists(points, wider), outward)
+    return normals, sigma if math.isfinite(sigma) else _scatter(points, normals, radius), between
 
 
 def _scatter(points: FloatArray, normals: FloatArray, radius_m: float) -> float:

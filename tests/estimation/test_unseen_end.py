@@ -48,7 +48,7 @@ def rays(origin: np.ndarray, to: np.ndarray) -> Rays:
 @pytest.mark.parametrize("family", SIZES)
 def test_a_member_cut_across_tells_no_length_and_the_whole_one_does(family):
     half = estimate(scan_of(points(family, cut)), MemberOptions(), RouteOptions())
-    assert half.explains and "was seen, and the other end's was scanned" in half.open_end
+    assert half.explains and "nothing of the other's" in half.open_end
     assert half.member is not None and not half.member.parameters[-1].observable
     whole = estimate(scan_of(points(family)), MemberOptions(), RouteOptions())
     assert whole.explains and whole.open_end == "" and whole.member.parameters[-1].observable
@@ -92,7 +92,7 @@ def test_what_no_sensor_looked_at_may_be_there_and_what_one_did_may_not(half):
     behind, before = (TURN @ np.array([0.3, 0.8, z]) for z in (-2.0, 3.0))
     for place, told in ((behind, False), (before, True)):
         own = seen_from(place, p)
-        assert ("was seen" in unseen_end(scan_of(own, rays(place, own)), fit.ends, fit.member)) == told
+        assert ("nothing of the other's" in unseen_end(scan_of(own, rays(place, own)), fit.ends, fit.member)) == told
 
 
 def test_sight_lines_beyond_an_end_show_that_it_stops_there(half):
@@ -104,7 +104,7 @@ def test_sight_lines_beyond_an_end_show_that_it_stops_there(half):
     own = rays(origin, p)
     both = Rays(**{name: np.concatenate([getattr(own, name), getattr(of_wall, name)]) for name in ("origin", "direction", "range_m")})
     assert unseen_end(scan_of(p, both), fit.ends, fit.member) == ""
-    assert "was seen" in unseen_end(scan_of(p, own), fit.ends, fit.member)
+    assert "nothing of the other's" in unseen_end(scan_of(p, own), fit.ends, fit.member)
 
 
 def test_an_end_on_a_plane_is_not_seen(half):
@@ -113,4 +113,4 @@ def test_an_end_on_a_plane_is_not_seen(half):
     floor = Footing(normal=up, offset_m=float(up @ (TURN @ [0, 0, CUT])), sigma_m=6e-4, std_m=1e-5, band_m=2e-3, points=np.zeros((0, 3)))
     assert unseen_end(scan_of(p), fit.ends, fit.member, [floor]) == ""
     at_other = replace(floor, offset_m=0.0, normal=-up)
-    assert "was seen" in unseen_end(scan_of(p), fit.ends, fit.member, [at_other])
+    assert "nothing of the other's" in unseen_end(scan_of(p), fit.ends, fit.member, [at_other])

@@ -48,7 +48,7 @@ def unseen_end(scan: Scan, ends: Ends, member: Member, footings: Sequence[Footin
             return ""
     at = ", ".join(f"{x:.4g}" for x in place)
     return (
-        f"no point of the end face at ({at}) m was seen, and the other end's was scanned: the scan may have been cut off there, and "
+        f"the face of one end was scanned and nothing of the other's: the scan may have been cut off there, at ({at}) m, and "
         f"{MILLIMETRES_PER_METRE * sweep.length_m:.5g} mm is the least that the member can be long; scan that end too, or, "
         "where nothing was cut off, say so (whole = true, or its length as fixed)"
     )

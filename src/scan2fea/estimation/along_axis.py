@@ -35,7 +35,7 @@ class MemberOptions:
     twist: bool = option(True, "Whether the section may turn along the axis")
     sigma_m: float | None = option(None, "Noise of the points where it is known, one standard deviation; none: it is fitted", unit="m", minimum=1e-9)
     sigma_error: float = option(0.02, "How well sigma_m is known, relative", minimum=0.0, maximum=1.0)
-    whole: bool = option(False, "Nothing hid the object from the scan and nothing was cut off it: the section ends where the scan of a face ends")
+    whole: bool = option(False, "Nothing hid it from the scan and nothing was cut off it: faces, and the member, end where the scan of them does")
     seed: int = option(0, "Seed of the draws of subsamples", minimum=0)
 
 

@@ -29,7 +29,7 @@ class KnownObject:
     nominal: Mapping[str, float] = field(
         default_factory=dict, metadata={"doc": "dimensions that are measured, then compared with these", "unit": "m"}
     )
-    whole: bool = option(False, "nothing hid it from the scan and nothing was cut off it: its section ends where the scan of a face ends")
+    whole: bool = option(False, "nothing hid it from the scan and nothing was cut off it: faces, and the member, end where the scan of them does")
 
 
 # ------------------------------------------------------------------ reading and writing

@@ -2,9 +2,13 @@ import numpy as np
 import pytest
 
 from predicates import l_beam, rotation, sphere
+from scan2fea.kernel.distances import sample_surface
+from scan2fea.kernel.measures import area, face_normals
 from scan2fea.kernel.noise import spacing
+from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.reconstruction.denoise import denoise, first_normals
 from scan2fea.reconstruction.sensors import outer_side
+from scan2fea.simulation.shapes import bracket
 from scanned import scanned
 
 
@@ -91,3 +95,27 @@ def test_scans_that_agree_are_as_one():
     h = spacing(points)
     one, two = first_normals(points, way, h), first_normals(points, way, h, frame)
     assert two[1:] == one[1:] and two.normals.tobytes() == one.normals.tobytes()
+
+
+def seen(part, stations, spacing_m, sigma, seed):
+    """Points of a part that the stations see, noise sigma; unit vectors to their station; its number."""
+    rng, scene, found = np.random.default_rng(seed), scene_of(part), []
+    for k, station in enumerate(stations):
+        at, face = sample_surface(part, int(0.85 * area(part) / spacing_m**2), 10 * seed + k)
+        way, normal = station - at, face_normals(part)[face]
+        way /= np.linalg.norm(way, axis=1)[:, None]
+        free = np.flatnonzero(np.einsum("ij,ij->i", way, normal) > 0.15)
+        free = free[first_hits(scene, at[free] + 1e-9 * normal[free], way[free])[1] < 0]
+        found.append((at[free] + sigma * rng.normal(size=(len(free), 3)), way[free], np.full(len(free), k)))
+    return map(np.concatenate, zip(*found, strict=True))
+
+
+@pytest.mark.parametrize("seed", [1, 9, 13])
+def test_skins_seen_from_opposite_stations_do_not_lie_off_each_other(seed):
+    """Few points, noise a fifth of the wall: wrong normals put points of the other skin, of the other station, beside a wall's own."""
+    wall = 0.012
+    part = bracket(0.14, 0.12, wall, 0.1, [("a", 0.08, 0.05, 0.016), ("b", 0.07, 0.05, 0.014)], 0.0002)
+    way = np.random.default_rng(seed + 5).normal(size=3)
+    way *= 0.4 / np.linalg.norm(way)
+    points, toward, frame = seen(part, [way, -way], 0.5 * wall, 0.2 * wall, seed)
+    assert first_normals(points, toward, spacing(points), frame).between_m == 0.0

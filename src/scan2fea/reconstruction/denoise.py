@@ -79,11 +79,19 @@ def first_normals(points: FloatArray, toward: FloatArray, spacing_m: float, fram
             break
         radius = wider
     # asked of settled normals, once: in a wider radius the skins of a wall would mix, lie off each other by its thickness, and widen it again
-    sigma, between = sigma_of_scans(points, normals, frame, sigma)
+    wide, between = sigma_of_scans(points, normals, _seen(frame, normals, toward), sigma)
     if between > 0.0:
-        near = near_lists(points, max(radius, min(4.0 * sigma, 6.0 * spacing_m)))
-        normals = _settled(near, side_normals(near, toward), toward, sigma, spacing_m, 1.0)
-    return FirstNormals(normals, sigma if math.isfinite(sigma) else radius / 4.0, between)
+        near = near_lists(points, max(radius, min(4.0 * wide, 6.0 * spacing_m)))
+        again = _settled(near, side_normals(near, toward), toward, wide, spacing_m, 1.0)
+        # wrong normals, a wall's skins mixed by them, tell the same: those fitted in the wider radius are wrong elsewhere, or no more
+        if sigma_of_scans(points, again, _seen(frame, again, toward), sigma)[1] > 0.0:
+            return FirstNormals(again, wide, between)
+    return FirstNormals(normals, sigma if math.isfinite(sigma) else radius / 4.0, 0.0)
+
+
+def _seen(frame: IntArray | None, normals: FloatArray, toward: FloatArray) -> IntArray | None:
+    """The scan of each point (n,), -1 where its normal faces away from where it was seen: it is wrong, or of the other skin of a wall."""
+    return None if frame is None else np.where(np.einsum("ij,ij->i", normals, toward) > 0.0, frame, -1)
 
 
 def _settled(near: Near, normals: FloatArray, toward: FloatArray, sigma: float, spacing_m: float, not_flat: float) -> FloatArray:

@@ -70,6 +70,18 @@ def test_a_traced_box_is_the_box_wherever_it_stands():
     assert found.loose == 0.0
 
 
+def test_where_two_sides_touch_across_a_narrow_third_the_faces_are_the_thirds():
+    mesh, label, sides = labelled((30.0, 4.0, 10.0), 2.0)
+    middle = mesh.vertices[mesh.faces].mean(1)
+    near = (label == 5) & (np.abs(middle[:, 0] - 15) < 1.0)
+    torn = np.where(near, np.where(middle[:, 1] < 2, 2, 3), label)  # y = 0 and y = 4 meet on z = 10
+    made = traced_solid(mesh, torn, sides, small([3] * 6), 0.1, 2.0, bridged=True)
+    assert is_valid(made.solid)
+    assert volume_of(made.solid) == pytest.approx(1200.0, rel=1e-9)
+    as_given = traced_solid(mesh, torn, sides, small([3] * 6), 0.1, 2.0)
+    assert abs(volume_of(as_given.solid) / 1200 - 1) > 1e-3  # a notch that is not there
+
+
 def test_points_meet_where_planes_do_and_on_lines_of_touch():
     three = [plane((1, 0, 0), (1, 0, 0.2)), plane((0, 2, 0), (0.1, 1, 0)), plane((0, 0, 3), (0, 0, 1))]
     found = met(np.array([1.2, 2.2, 2.7]), three, [], [])

@@ -8,11 +8,12 @@ from itertools import chain
 
 import numpy as np
 
+from scan2fea.cad.extruded import Extruded
 from scan2fea.cad.network import Network, smoothed
 from scan2fea.cad.tangency import sharpest
 from scan2fea.kernel.polylines import evenly, length_of
 from scan2fea.kernel.surfaces import Surface
-from scan2fea.types import FloatArray, TriangleMesh, Value
+from scan2fea.types import FloatArray, IntArray, TriangleMesh, Value
 
 ROUNDS, ROUNDS_ON_EDGE = 40, 15
 LEAST_SLOPE = 0.08  # of the steepest: flatter directions (two surfaces that touch) are left as they are
@@ -175,6 +176,26 @@ class Meeting:
         chains = [self.network.chains[k] for k, edge in edges.items() if edge.off > tolerance / 2]
         return {int(self.network.surface[k]) for k in chain(chain.from_iterable(off), *((c.left, c.right) for c in chains))}
 
+    def bridges(self, tolerance: float, edges: Mapping[int, Edge]) -> list[tuple[IntArray, int]]:
+        """Short borders of two surfaces that do not meet there, both ends on one third: noise let them touch across it. Their vertices, the third."""
+        out, own = [], self.network.surface
+        for number, border in enumerate(self.network.chains):
+            ends = [self.corner_of[int(border.vertices[k])] for k in (0, -1)]
+            off = max([self.corners[k].off for k in ends] + ([edges[number].off] if number in edges else []))
+            if off <= tolerance / 2 or length_of(self.mesh.vertices[border.vertices]) > SHORT * self.spacing:
+                continue
+            first, last = ({int(own[k]) for k in self._regions[corner]} for corner in ends)
+            third = (first & last) - {int(own[border.left]), int(own[border.right])}
+            if len(third) == 1 and min(third) >= 0 and not self._is_facet(number):
+                out.append((border.vertices, min(third)))
+        for corner, found in self.corners.items():  # where they touch in one point all borders there are the third's
+            if found.off > tolerance / 2:
+                sides = [{int(own[self.network.chains[k].left]), int(own[self.network.chains[k].right])} for k in self._chains[corner]]
+                common = set.intersection(*sides)
+                if len(common) == 1 and len(set.union(*sides)) == 3 and min(common) >= 0:
+                    out.append((np.array([v for v, k in self.corner_of.items() if k == corner]), min(common)))
+        return out
+
     def edges(self) -> Mapping[int, Edge]:
         """By the number of their chain."""
         return {k: self._edge(k) for k in range(len(self.network.chains)) if k not in self.gone}
@@ -196,6 +217,7 @@ class Meeting:
         line = line + (1 - t) ** 4 * (ends[0] - line[0]) + t**4 * (ends[1] - line[-1])
         numbers = sorted({int(self.network.surface[k]) for k in (border.left, border.right) if self.network.surface[k] >= 0})
         surfaces = [self.surfaces[k] for k in numbers]
+        line = next((s.along(line) for s in surfaces if isinstance(s, Extruded)), line)
         cut = self.network.cuts.get(frozenset((border.left, border.right)))
         out, worst = [ends[0]], 0.0
         for k in range(1, n):

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scan2fea.cad.extruded import EXTRUDED
 from scan2fea.kernel.measures import face_areas, face_normals
 from scan2fea.kernel.surfaces import PLANE, SPHERE, Surface
 from scan2fea.kernel.topology import EdgeTable, edge_table, face_components
@@ -118,7 +119,7 @@ def _parts(mesh: TriangleMesh, label: IntArray, table: EdgeTable) -> IntArray:
 
 def _cut(mesh: TriangleMesh, rows: IntArray, label: IntArray, surface: Surface, table: EdgeTable) -> tuple[FloatArray, FloatArray] | None:
     """A plane through the axis that halves a region which goes (nearly) all the way round, far from its corners; None where it does not."""
-    if surface.kind == PLANE:
+    if surface.kind in (PLANE, EXTRUDED):
         return None
     if surface.kind == SPHERE:
         area = face_areas(mesh)[rows]

@@ -69,6 +69,29 @@ def bezier_surface(control: FloatArray, u: tuple[float, float], v: tuple[float, 
     return Geom_BSplineSurface(poles, *knots, *times, p - 1, q - 1)
 
 
+def drawn_surface(control: FloatArray, knots: FloatArray, along: FloatArray) -> Any:
+    """The B-spline surface of a curve, (n, 3) poles over (n + degree + 1,) clamped knots, drawn along a vector.
+
+    Not Open Cascade's surface of linear extrusion: over that one it integrates without regard to knots, and volumes come out a per cent wrong.
+    """
+    from OCP.collections import Array1_double, Array1_int, Array2_gp_Pnt
+    from OCP.Geom import Geom_BSplineSurface
+
+    values, counts = np.unique(knots, return_counts=True)
+    poles, knot, times = Array2_gp_Pnt(1, len(control), 1, 2), Array1_double(1, len(values)), Array1_int(1, len(values))
+    for i, at in enumerate(control):
+        poles.SetValue(i + 1, 1, point(at))
+        poles.SetValue(i + 1, 2, point(at + along))
+    for k, (value, count) in enumerate(zip(values.tolist(), counts.tolist(), strict=True)):
+        knot.SetValue(k + 1, value)
+        times.SetValue(k + 1, count)
+    ends, twice = Array1_double(1, 2), Array1_int(1, 2)
+    for k, value in enumerate((0.0, float(np.linalg.norm(along)))):
+        ends.SetValue(k + 1, value)
+        twice.SetValue(k + 1, 2)
+    return Geom_BSplineSurface(poles, knot, ends, times, twice, len(knots) - len(control) - 1, 1)
+
+
 def moved(shape: Any, T_world_shape: FloatArray) -> Any:
     """The shape in the world. T_world_shape : (4, 4), metres."""
     from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform

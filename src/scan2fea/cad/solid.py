@@ -13,6 +13,7 @@ from scan2fea.cad.brep import CadOptions
 from scan2fea.cad.cells import cell_solid
 from scan2fea.cad.compared import FIT_POINTS, LEFT_OUT, Compared, Scale, compared
 from scan2fea.cad.evidence import asked_for
+from scan2fea.cad.extruded import with_extruded
 from scan2fea.cad.fillets import Fillet, fitted_fillets, renumbered, rounded, without_fillets
 from scan2fea.cad.live import is_valid
 from scan2fea.cad.patches import Patches, segmented
@@ -22,7 +23,7 @@ from scan2fea.cad.rolled import with_rings_and_balls
 from scan2fea.cad.roundings import free_share, smooth_share, unexplained, widened, without_roundings
 from scan2fea.cad.sheets import MOST_AREA, MOST_TRIANGLES, sewn_sheet, sheet, walls_of, without_walls
 from scan2fea.cad.tangent import touching
-from scan2fea.cad.traced import traced_solid
+from scan2fea.cad.traced import Traced, traced_solid
 from scan2fea.cad.trued import Trued, covariance_in_mm, fits_of, in_mm, no_solid, trued
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import extent, face_areas
@@ -268,17 +269,27 @@ def _traced(mesh: TriangleMesh, points: FloatArray, patches: Patches, near: Meas
     mm = MILLIMETRES_PER_METRE
     local = TriangleMesh(vertices=(mesh.vertices - middle) * mm, faces=mesh.faces)
     surfaces = [in_mm(f.surface, middle) for f in fits]
-    covariances, problem = [covariance_in_mm(f) for f in fits], ""
-    for walls in (False, True):
-        made = traced_solid(local, patches.label, surfaces, covariances, scale.tolerance_m * mm, scale.spacing_m * mm, walls=walls)
+    covariances = [covariance_in_mm(f) for f in fits]
+
+    def built(label: IntArray, surfaces: list[Surface], *, walls: bool, bridged: bool) -> tuple[Traced, Compared]:
+        told = covariances + [np.zeros((0, 0))] * (len(surfaces) - len(covariances))
+        made = traced_solid(local, label, surfaces, told, scale.tolerance_m * mm, scale.spacing_m * mm, walls=walls, bridged=bridged)
         if made.solid is None or not is_valid(made.solid):
-            problem = problem or "the faces close no valid solid"
-            continue
-        found = compared(made.solid, mesh, points, middle, scale)
-        if not found.problem:
-            return trued(made.solid, middle, scale, snaps, found, drawn=made.surfaces if made.n_facets else None)
-        problem = problem or found.problem
-    return no_solid(problem)
+            return made, Compared(problem="the faces close no valid solid")
+        return made, compared(made.solid, mesh, points, middle, scale)
+
+    made, found = built(patches.label, surfaces, walls=False, bridged=True)
+    if found.problem:
+        first = found.problem
+        made, found = built(patches.label, surfaces, walls=True, bridged=False)
+        label, more = with_extruded(local, patches.label, surfaces, made.wall, scale.tolerance_m * mm, scale.spacing_m * mm)
+        if len(more) > len(surfaces):
+            drawn, proved = built(label, more, walls=True, bridged=True)
+            if not proved.problem and (found.problem or drawn.n_facets < made.n_facets):
+                made, found = drawn, proved
+        if found.problem:
+            return no_solid(first)
+    return trued(made.solid, middle, scale, snaps, found, drawn=made.surfaces if made.n_facets else None)
 
 
 def _with_fillets(solid: Any | None, fillets: Sequence[Fillet], drawn: Sequence[Surface], local: TriangleMesh) -> tuple[Any | None, str]:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scan2fea.cad.extruded import EXTRUDED
 from scan2fea.cad.network import Network, smoothed
 from scan2fea.kernel.polylines import evenly
 from scan2fea.kernel.surfaces import PLANE, TORUS, Surface, moved, slopes
@@ -49,6 +50,8 @@ def touches_of(
         if first == second or min(first, second) < 0 or surfaces[first].kind == surfaces[second].kind == PLANE:
             continue
         a, b = surfaces[first], surfaces[second]
+        if EXTRUDED in (a.kind, b.kind):  # as the points have it
+            continue
         line = smoothed(mesh.vertices[chain.vertices])
         at = evenly(line, PLACES)
         normal = a.normals(at) + b.normals(at)
@@ -133,7 +136,7 @@ def _joint(
         sigma = max(FIRST * FALL**number, closely)
         w = np.minimum(1.0, LOUD * sigma / np.maximum(np.abs(gap), 1e-300)) / sigma**2
         steps = np.asarray(np.linalg.solve((J * w[:, None]).T @ J + np.eye(len(steps)), J.T @ (w * (J @ steps - gap))), float)
-        now = [moved(s, roots[k] @ steps[first[k] : first[k + 1]]) for k, s in enumerate(surfaces)]
+        now = [moved(s, roots[k] @ steps[first[k] : first[k + 1]]) if s.kind != EXTRUDED else s for k, s in enumerate(surfaces)]
     return now, gaps
 
 

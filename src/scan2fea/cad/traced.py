@@ -14,8 +14,10 @@ from typing import Any
 import numpy as np
 
 from scan2fea.cad.corners import Corner, Edge, Meeting
+from scan2fea.cad.extruded import Extruded
 from scan2fea.cad.live import direction, is_valid, parts, pnt, solid_of_faces, unified
 from scan2fea.cad.network import Network, network_of
+from scan2fea.cad.occ import drawn_surface
 from scan2fea.cad.roundings import MEETS
 from scan2fea.cad.tangency import made_to_touch, touches_of
 from scan2fea.kernel.measures import face_areas
@@ -26,6 +28,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 EXACT = 5e-6  # mm: a line or an arc through the points of an edge
 RESOLUTION = 1e-6  # mm
 WALLS = 5  # rounds in which walls grow
+BRIDGED = 3  # rounds in which bridges are given to what lies under them
 MOST_FACETS = 5_000
 SMALL = 0.01  # of the area: a larger patch is no piece of a wall
 LOOSE = 0.1  # of the length of all borders: more is free form in pieces
@@ -36,7 +39,7 @@ _Use = tuple[int, bool, int, int]  # edge, whether it runs forward, its corners 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Traced(Value):
-    """solid : None where the faces close none.   surfaces : as they were moved.   n_facets : of walls of free form.
+    """solid : None where the faces close none.   surfaces : as they were moved.   n_facets : of walls of free form.   wall : (m,) faces on these.
 
     loose : share of the length of all borders where two surfaces meet at no angle and do not touch.
     """
@@ -45,21 +48,23 @@ class Traced(Value):
     surfaces: tuple[Surface, ...]
     n_facets: int = 0
     loose: float
+    wall: BoolArray
 
 
 def traced_solid(
     mesh_mm: TriangleMesh, label: IntArray, surfaces: Sequence[Surface], covariances: Sequence[FloatArray], tolerance: float, spacing: float,
-    *, walls: bool = False, free: BoolArray | None = None, exact: float = EXACT,
+    *, walls: bool = False, bridged: bool = False, free: BoolArray | None = None, exact: float = EXACT,
 ) -> Traced:  # fmt: skip
     """The solid of labelled faces, in millimetres. label : (m,) number of the surface of each, -1 where the nearest beside it is to be taken.
 
     walls : small patches whose corners or edges lie on no common point of their surfaces are walls of free form: their triangles become faces.
     Where a face comes out not valid the borders of walls on it are made even, and then, if small, it is a wall too.
+    bridged : where noise lets two patches touch across a third, the faces there are the third's.
     free : (m,) faces of free form, each a face of the solid from the start.   exact : edges nearer than this to a line or an arc are one.
     """
     wall = np.zeros(len(label), bool) if free is None else free
-    area, evened = face_areas(mesh_mm), False
-    for _ in range(WALLS):
+    area, evened, n_bridged = face_areas(mesh_mm), False, 0
+    for _ in range(WALLS + BRIDGED):
         network = network_of(mesh_mm, label, surfaces, wall)
         touches = touches_of(mesh_mm, network, surfaces, covariances, tolerance, spacing)
         loose = _loose(mesh_mm, network, surfaces, {touch.chain for touch in touches})
@@ -70,15 +75,19 @@ def traced_solid(
         meeting = Meeting(mesh_mm, network, made, [touch.chain for touch in kept], tolerance, spacing, evened=evened)
         edges = meeting.edges()
         own = network.surface[network.label]
+        bridges = meeting.bridges(tolerance, edges) if bridged and n_bridged < BRIDGED else []
+        if bridges:
+            label, n_bridged = _without(mesh_mm, network, label, bridges), n_bridged + 1
+            continue
         small = {k for k in meeting.missed(tolerance, edges) if k >= 0 and float(area[own == k].sum()) <= SMALL * float(area.sum())}
         if not small or not walls:
             solid, invalid = _solid(mesh_mm, network, made, meeting, edges, exact)
             if not invalid or not walls:
-                return Traced(solid=solid, surfaces=tuple(made), n_facets=n_facets, loose=loose)
+                return Traced(solid=solid, surfaces=tuple(made), n_facets=n_facets, loose=loose, wall=own < 0)
             small = {k for k in invalid if evened and k >= 0 and float(area[own == k].sum()) <= SMALL * float(area.sum())}
             evened = True
         wall = np.isin(own, sorted(small)) | (own < 0)
-    return Traced(solid=None, surfaces=tuple(surfaces), loose=loose)
+    return Traced(solid=None, surfaces=tuple(surfaces), loose=loose, wall=network.surface[network.label] < 0)
 
 
 def _solid(
@@ -92,6 +101,15 @@ def _solid(
     invalid = {int(network.surface[region]) for region, face in faces.items() if not is_valid(face)}
     solid = solid_of_faces(list(faces.values())) if faces else None
     return None if solid is None else _whole(solid), invalid
+
+
+def _without(mesh: TriangleMesh, network: Network, label: IntArray, bridges: Sequence[tuple[IntArray, int]]) -> IntArray:
+    """Labels with the faces at the vertices of each bridge given to the surface between."""
+    label = label.copy()
+    for vertices, third in bridges:
+        touching = np.isin(mesh.faces, vertices).any(axis=1) & (network.surface[network.label] >= 0)
+        label[touching] = third
+    return label
 
 
 def _loose(mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], touching: Collection[int]) -> float:
@@ -265,6 +283,10 @@ def _geometry(surface: Surface, points: FloatArray) -> Any:
 
     if surface.kind == PLANE:
         return Geom_Plane(gp_Pln(pnt(surface.point), direction(surface.axis)))
+    if isinstance(surface, Extruded):
+        height = (points - surface.point) @ surface.axis
+        over = float(np.ptp(height))  # beyond what it is trimmed to
+        return drawn_surface(surface.poles() + (height.min() - over) * surface.axis, surface.spline.t, 3 * over * surface.axis)
     away = surface.point - points.mean(0)
     axis = surface.axis
     if surface.kind == SPHERE:  # its poles aside of the points too

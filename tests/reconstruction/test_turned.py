@@ -120,3 +120,16 @@ def test_a_tank_of_which_a_fifth_was_hidden_is_whole():
     assert found.how["carried"] == "round an axis" and all(check.passed for check in found.checks)
     assert_closed_manifold_oriented(found.mesh)
     assert volume(found.mesh) == pytest.approx(volume(TANK), rel=0.015)
+
+
+def test_the_other_face_of_a_wall_is_put_beside_rings_that_too_little_was_measured_of():
+    """A tank of which a quarter of the rim and the middle of its bottom's inner face were not seen: neither gap is closed by one rule alone."""
+    part = tank(0.15, 0.4, 0.012, 0.0004)
+    scan, places, normals = scanned(part, 0.0084, seed=2)
+    radius, angle = np.hypot(places[:, 0], places[:, 1]), np.arctan2(places[:, 1], places[:, 0])
+    rim = (places[:, 2] > 0.36) & (angle > 0.0) & (angle < 1.5)
+    middle = (radius < 0.06) & (places[:, 2] < 0.05) & (normals[:, 2] > 0)
+    keep = ~rim & ~middle
+    found = visibility(scan_of(scan.cloud.points[keep], scan.sensors()[keep]))
+    assert found.how["carried"] == "round an axis, to the other face of walls"
+    assert all(check.passed for check in found.checks) and volume(found.mesh) == pytest.approx(volume(part), rel=0.01)

@@ -172,20 +172,28 @@ def _seen(
 def _with_unseen(
     cloud: PointCloud, options: VisibilityOptions, sensors: FloatArray, spacing_m: float, first: Reconstruction, evidence: Evidence
 ) -> Reconstruction:
-    """The surface again with what follows from what was seen: gaps of a body of revolution, hidden faces of walls. That which fails fewest checks."""
-    best, n = first, len(cloud)
+    """The surface again with what follows from what was seen: gaps of a body of revolution, hidden faces of walls. That which fails fewest checks.
+
+    A ring of which too little was measured may still have the other face of its wall: so faces of walls are looked for with the rings first.
+    """
+    best, n, begun = first, len(cloud), [("", cloud, first, evidence)]
     for name, put in UNSEEN_PLACES.items():
-        more = put(cloud, evidence) if failed(best.checks) else None
-        if more is None:
-            continue
-        k = len(more) - n
-        ends = () if name == ROUND_AN_AXIS else first.ends  # a rim is put where sight lines prove it; a face opposite tells no end of its wall
-        try:
-            found = _seen(more, options, np.concatenate([sensors, np.full((k, 3), np.nan)]), spacing_m, ends)
-        except ReconstructionError:  # the first surface is one, and says what is against it
-            continue
-        if found is not None and len(failed(found[0].checks)) < len(failed(best.checks)):
-            best = _first_rows(replace(found[0], carried=more.points[n:], how={**found[0].how, "n_carried": k, "carried": name}), n)
+        for before, given, surface, told in begun[::-1]:
+            more = put(given, told) if failed(best.checks) else None
+            if more is None:
+                continue
+            k = len(more) - n
+            ends = () if name == ROUND_AN_AXIS else surface.ends  # a rim is put where sight lines prove it; a face opposite tells no end of its wall
+            try:
+                found = _seen(more, options, np.concatenate([sensors, np.full((k, 3), np.nan)]), spacing_m, ends)
+            except ReconstructionError:  # the first surface is one, and says what is against it
+                continue
+            if found is None:
+                continue
+            names = ", ".join(filter(None, (before, name)))
+            begun.append((names, more, *found))
+            if len(failed(found[0].checks)) < len(failed(best.checks)):
+                best = _first_rows(replace(found[0], carried=more.points[n:], how={**found[0].how, "n_carried": k, "carried": names}), n)
     return best
 
 

@@ -1,12 +1,13 @@
 """Whether a member explains the points within their noise: not by the rms alone, which a wrong shape with wide noise also brings down.
 
-Five figures, each with what it is measured against:
+Six figures, each with what it is measured against:
 
     pattern   The points are dealt to cells of the member's surface (stretches of the outline x stretches of the length). Noise averages out in a
               cell, a wrong shape does not. What the model itself would show in the same cell (walls as thin as the noise pull the nearest face
               about) is taken from points drawn from it.
     strays    Points off the surface by more than noise. Clutter is thin and anywhere; a second body, a stiffener or a dome is a crowd.
     voids     Empty places enclosed in a face that was seen all around, and on which nothing else lies: holes (`holes.py`).
+    cuts      Places where a wall was cut through, to the rim or not: its cut was seen (`cuts.py`).
     ends      They are planes (`end_faces.py`).
     noise     The scatter around the member against the scatter of neighbouring points around their own surface.
 
@@ -16,13 +17,14 @@ A departure that mill tolerances allow is none: 1 % of the section's size (EN 10
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import chdtr, chdtrc
 
+from scan2fea.estimation.cuts import Cut, cuts
 from scan2fea.estimation.end_faces import n_not_flat
 from scan2fea.estimation.holes import Covers, occupied, uncovered
 from scan2fea.estimation.outline import outline_distance
@@ -65,7 +67,7 @@ class Explanation(Value):
     stray_share, crowd_share : of the points.   voids : number of holes.   noise_excess : fitted noise beyond the scatter of neighbours (root of the
     difference of squares) over mill tolerance, nan where neighbours do not tell.   pattern_share : pattern over noise.
     slenderness : length over the greater width of the section.   seen : face -> share of it that points support.
-    cells : number of cells that were tested.
+    cells : number of cells that were tested.   cuts : places where no side of a wall was seen, or where it was cut.
     """
 
     explains: bool
@@ -82,6 +84,7 @@ class Explanation(Value):
     slenderness: float
     seen: Mapping[str, float]
     cells: int
+    cuts: tuple[Cut, ...]
 
 
 def explanation(
@@ -135,10 +138,12 @@ def explanation(
         "pattern_share": cells.pattern_m / sigma_m,
         "slenderness": values["length"] / width,
     }
+    flank = ~surface.on_cap
+    bare_walls = cuts(member, surface.side[flank], surface.edge[flank], surface.along[flank], surface.z[flank], sigma_m)
     not_flat = n_not_flat(surface.side, surface.beyond, sigma_m, reach, values["length"])
-    reason = _reason(figures, voids, not_flat, member, along_rays)
+    reason = _reason(figures, voids, not_flat, member, along_rays) or _cut(bare_walls, member)
     said = reason or _praise(figures, member, len(holes) - bare)
-    return Explanation(explains=not reason, reason=said, voids=voids, seen=seen, cells=cells.n, **figures)
+    return Explanation(explains=not reason, reason=said, voids=voids, seen=seen, cells=cells.n, cuts=bare_walls, **figures)
 
 
 def _reason(f: Mapping[str, float], voids: int, not_flat: int, member: Member, along_rays: bool) -> str:
@@ -176,6 +181,18 @@ def _reason(f: Mapping[str, float], voids: int, not_flat: int, member: Member, a
     if voids:
         return f"{voids} hole{'s' if voids > 1 else ''} in faces that were seen all around: {what} has none"
     return ""
+
+
+def _cut(places: Sequence[Cut], member: Member) -> str:
+    """Where the wall was cut through; empty where it was not."""
+    cut = [place for place in places if place.is_cut]
+    if not cut:
+        return ""
+    first = cut[0]
+    return (
+        f"a wall of the {member.family} member was cut through: {first.deep} points lie inside it ({first.by_chance:.2g} by chance) beside a place "
+        f"between {first.from_m:.3f} and {first.to_m:.3f} m along it where neither {first.face} nor the side behind it was seen"
+    )
 
 
 def _is_degenerate(member: Member) -> bool:

@@ -257,9 +257,15 @@ def assumed(member: Member) -> str:
 
 
 def left_out(found: Estimate) -> str:
-    """Ends without a face that was seen, and how many points the member leaves to nothing, where more than one in twenty, for the verdict's line."""
+    """What the points do not show of a member, for the verdict's line: ends without a face that was seen, a wall of which neither side was; and how
+    many points it leaves to nothing, where more than one in twenty.
+    """
     share, bare = found.stray_share, ("", "one end", "both ends")[found.bare_ends]
     ends = f"; of {bare} no face was seen: the member is taken to end where its sides do" if bare else ""
+    wall = found.bare_wall
+    if wall is not None:
+        where = f"between {wall.from_m:.3f} and {wall.to_m:.3f} m along it"
+        ends += f"; {where} neither {wall.face} nor the side behind it was seen: the wall is taken to be there"
     return ends + (f"; {share:.0%} of the points lie off it, scattered, and were taken for strays" if share > _MANY_STRAYS else "")
 
 

@@ -1,0 +1,197 @@
+"""Places of a member at which no side of a wall was seen: copes, notches, corners cut off, or hidden from both sides.
+
+A hole is enclosed (`holes.py`); what lies open to the rim of a face may be hidden. But where a wall was cut through, its cut was scanned like the
+rest: points lie inside the wall, along the border of the bare place, where points of an intact wall never lie. Such a place is cut. Where its border
+shows no such points it may be hidden from both sides or cut and the cut unseen, and all that can be said is that no side of the wall was seen there.
+
+Points inside are counted deeper than `_DEEP_SIGMAS` of noise and a quarter of the wall under the nearest side, and compared with how often such
+points occur along those two sides elsewhere (strays; the tail of the noise).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+from scipy.special import gammainc
+
+from scan2fea.estimation.holes import VOID_CELLS, VOID_POINTS
+from scan2fea.kernel.sections import section
+from scan2fea.types import BoolArray, FloatArray, IntArray, Member, Section, Value
+
+_CELL_POINTS = 6.0  # on average: an empty cell is a chance of 1 in 400
+_DEEP_SIGMAS, _DEEP_WALL = 3.0, 0.25
+_SEEN = 0.5  # of a strip along the member: a side that was seen
+_CHANCE = 1e-6  # of as many points inside a wall that is whole
+_LEAST_DEEP = 8
+_LEAST_BARE = 8.0  # points that both sides of a bare place would hold, at least, where its border tells that it was cut
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cut(Value):
+    """face : a side of the wall.   from_m, to_m : along the member.   area_m2 : of that side.   missed : points that both sides would hold there.
+    deep : points inside the wall along the border; by_chance : as many as there would be in a whole wall.
+    """
+
+    face: str
+    from_m: float
+    to_m: float
+    area_m2: float
+    missed: float
+    deep: int
+    by_chance: float
+
+    @property
+    def is_cut(self) -> bool:
+        """Whether the border shows where the wall was cut."""
+        return self.deep >= _LEAST_DEEP and float(gammainc(self.deep, max(self.by_chance, 1e-9))) < _CHANCE
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Strips(Value):
+    """Strips of the outline along the member. edge, low, high : (m,) the edge each lies on and where it begins and ends on it, m.   at, inward :
+    (m, 2) middle, and unit normal into the material.   across : (m,) the strip on the other side of the wall.   wall_m : (m,) how far that is.
+    """
+
+    edge: IntArray
+    low: FloatArray
+    high: FloatArray
+    at: FloatArray
+    inward: FloatArray
+    across: IntArray
+    wall_m: FloatArray
+
+
+def cuts(member: Member, side: FloatArray, edge: IntArray, along: FloatArray, z: FloatArray, sigma_m: float) -> tuple[Cut, ...]:
+    """The bare places, the largest first: cut, or such as chance cannot have left.
+
+    side, edge, along, z : (n,) of the points: signed distance to the outline, m, negative inside; the nearest edge; place along it; along the member.
+    sigma_m : noise.
+    """
+    shape, length = section(member.family, member.values()), member.values()["length"]
+    outline = sum(float(np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1).sum()) for loop in shape.loops)
+    cell = math.sqrt(_CELL_POINTS * outline * length / max(len(z), 1))
+    n_z = min(round(length / cell), 2000)
+    if n_z < VOID_CELLS:
+        return ()
+    strips = _strips(shape, cell)
+    row = _row(strips, edge, along)
+    place = np.clip((z / length * n_z).astype(np.int64), 0, n_z - 1)
+    inside = (z > 0) & (z < length) & (np.abs(side) < np.maximum(4 * sigma_m, strips.wall_m[row]))
+    deep = inside & (-side > np.maximum(_DEEP_SIGMAS * sigma_m, _DEEP_WALL * strips.wall_m[row]))
+    shown = _counts(row[inside & ~deep], place[inside & ~deep], len(strips.edge), n_z)
+    within = _counts(row[deep], place[deep], len(strips.edge), n_z)
+    own = _of_member(member, strips, n_z)
+    return tuple(sorted(_found(shape, strips, shown, within, own, length / n_z), key=lambda cut: -cut.area_m2))
+
+
+def _counts(row: IntArray, place: IntArray, n_rows: int, n_z: int) -> IntArray:
+    return np.bincount(row * n_z + place, minlength=n_rows * n_z).reshape(n_rows, n_z)
+
+
+def _strips(shape: Section, cell: float) -> _Strips:
+    """Every edge parted into strips of about `cell`."""
+    start = np.concatenate(shape.loops)
+    way = np.concatenate([np.roll(loop, -1, axis=0) - loop for loop in shape.loops])
+    long = np.linalg.norm(way, axis=1)
+    n = np.maximum(np.round(long / cell), 1).astype(np.int64)
+    edge = np.repeat(np.arange(len(n)), n)
+    number = np.arange(len(edge)) - np.repeat(np.cumsum(n) - n, n)
+    low, high = number / n[edge] * long[edge], (number + 1) / n[edge] * long[edge]
+    unit = way / long[:, None]
+    at = start[edge] + (low + high)[:, None] / 2 * unit[edge]
+    inward = _inward(shape, unit)[edge]
+    hit, far = _first_across(at, inward, start, way, edge)
+    beyond = np.einsum("ij,ij->i", at + far[:, None] * inward - start[hit], unit[hit])
+    row = _row(_Strips(edge=edge, low=low, high=high, at=at, inward=inward, across=edge, wall_m=far), hit, beyond)
+    return _Strips(edge=edge, low=low, high=high, at=at, inward=inward, across=row, wall_m=far)
+
+
+def _inward(shape: Section, unit: FloatArray) -> FloatArray:
+    """(edges, 2) unit normals into the material: left of a loop that runs anticlockwise, and the material lies outside an opening."""
+    turn = []
+    for k, loop in enumerate(shape.loops):
+        x, y = loop.T
+        anticlockwise = float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) > 0
+        turn += [1.0 if anticlockwise == (k == 0) else -1.0] * len(loop)
+    return np.asarray(np.stack([-unit[:, 1], unit[:, 0]], axis=1) * np.array(turn)[:, None])
+
+
+def _first_across(at: FloatArray, inward: FloatArray, start: FloatArray, way: FloatArray, own: IntArray) -> tuple[IntArray, FloatArray]:
+    """The edge that each ray meets first, and how far away: (m,), (m,)."""
+    across = inward[:, None, 0] * way[None, :, 1] - inward[:, None, 1] * way[None, :, 0]
+    to = start[None] - at[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = (to[..., 0] * way[None, :, 1] - to[..., 1] * way[None, :, 0]) / across
+        part = (to[..., 0] * inward[:, None, 1] - to[..., 1] * inward[:, None, 0]) / across
+    met = (across != 0) & (far > 0) & (part >= -1e-9) & (part <= 1 + 1e-9)
+    met[np.arange(len(own)), own] = False
+    far = np.where(met, far, np.inf)
+    hit = far.argmin(axis=1)
+    return hit, far[np.arange(len(hit)), hit]
+
+
+def _row(strips: _Strips, edge: IntArray, along: FloatArray) -> IntArray:
+    """(n,) the strip of each place."""
+    first = np.searchsorted(strips.edge, edge)
+    n = np.searchsorted(strips.edge, edge, side="right") - first
+    width = strips.high[first] - strips.low[first]
+    return np.asarray(first + np.clip((along / width).astype(np.int64), 0, n - 1))
+
+
+def _of_member(member: Member, strips: _Strips, n_z: int) -> BoolArray:
+    """(strips, places) whether a cell lies wholly within the member's end planes."""
+    length = member.values()["length"]
+    border = np.linspace(0, length, n_z + 1)
+    own = np.ones((len(strips.edge), n_z), bool)
+    for end, normal in zip((0.0, length), member.end_normals, strict=True):
+        for z in (border[:-1], border[1:]):
+            own &= (strips.at @ normal[:2])[:, None] + (z - end)[None] * normal[2] < 0.5 * length / n_z
+    return own
+
+
+def _found(shape: Section, strips: _Strips, shown: IntArray, within: IntArray, own: BoolArray, step: float) -> list[Cut]:
+    """Regions of neighbouring cells of which neither side was seen, on strips of which both sides were seen elsewhere."""
+    n_own = np.maximum(own.sum(axis=1), 1)
+    seen = ((shown > 0) & own).sum(axis=1) / n_own >= _SEEN
+    both = seen & seen[strips.across]
+    bare = (shown == 0) & (shown[strips.across] == 0) & own & both[:, None]
+    names = [name for loop in shape.face_names for name in loop]
+    of_face = np.array([names[k] for k in strips.edge])
+    found = []
+    for name in dict.fromkeys(names):
+        rows = np.flatnonzero(of_face == name)
+        label, n_regions = ndimage.label(bare[rows])
+        for region in range(1, n_regions + 1):
+            inside = label == region
+            cut = _cut(name, rows, inside, strips, shown, within, own, step)
+            told = cut is not None and (cut.is_cut or (inside.sum() >= VOID_CELLS and cut.missed > VOID_POINTS))
+            found += [cut] if cut is not None and told else []
+    return found
+
+
+def _cut(
+    name: str, rows: IntArray, inside: BoolArray, strips: _Strips, shown: IntArray, within: IntArray, own: BoolArray, step: float
+) -> Cut | None:
+    """The region as a bare place; None where chance may have left it bare."""
+    around = ndimage.binary_dilation(inside, iterations=2) & ~inside & own[rows]
+    missed = float(inside.sum()) * sum(float(shown[side][around].mean()) for side in (rows, strips.across[rows])) if around.any() else 0.0
+    if missed <= _LEAST_BARE:
+        return None
+    border = np.zeros(shown.shape, bool)
+    border[rows] = inside | around
+    other = np.zeros_like(border)
+    np.logical_or.at(other, (strips.across[rows]), border[rows])
+    border |= other
+    asked = np.zeros(len(strips.edge), bool)
+    asked[rows], asked[strips.across[rows]] = True, True
+    elsewhere = asked[:, None] & ~border & own
+    rate = float(within[elsewhere].sum()) / max(int(elsewhere.sum()), 1)
+    at = np.flatnonzero(inside.any(axis=0))
+    widths = (strips.high - strips.low)[rows]
+    return Cut(
+        face=name, from_m=float(at[0] * step), to_m=float((at[-1] + 1) * step), area_m2=float((inside.sum(axis=1) * widths).sum() * step),
+        missed=missed, deep=int(within[border].sum()), by_chance=rate * int(border.sum()),
+    )  # fmt: skip

@@ -1,0 +1,82 @@
+"""Where neither side of a wall was seen: cut through where the cut was scanned, else untold."""
+
+import numpy as np
+import pytest
+from estimation.made import made, scanned
+
+from scan2fea.estimation.explain import explanation
+from scan2fea.estimation.outline import outline_distance
+from scan2fea.kernel.sections import section
+
+N, LENGTH, FROM = 40_000, 0.8, 0.6
+SIGMA = 0.0005
+
+
+def away(member, share, *, cut, sigma=SIGMA):
+    """Points of a member without what lies above a share of its height beyond FROM; cut : with the points of the two faces of the cut."""
+    rng = np.random.default_rng(3)
+    points = scanned(member, N, 0.0, 0)
+    shape = section(member.family, member.values())
+    corners = np.concatenate(shape.loops)
+    (left, low), (right, high) = corners.min(axis=0), corners.max(axis=0)
+    level = low + share * (high - low)
+    points = points[(points[:, 1] < level) | (points[:, 2] < FROM)]
+    if cut:
+        outline = sum(np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1).sum() for loop in shape.loops)
+        n_across, n_along = (round(N / (outline * LENGTH) * (right - left) * size) for size in (high - level, LENGTH - FROM))
+        across = np.c_[rng.uniform(left, right, n_across), rng.uniform(level, high, n_across), np.full(n_across, FROM)]
+        along = np.c_[rng.uniform(left, right, n_along), np.full(n_along, level), rng.uniform(FROM, LENGTH, n_along)]
+        faces = np.concatenate([across, along])
+        points = np.concatenate([points, faces[outline_distance(shape, faces[:, :2])[0] < 0]])
+    return points + sigma * rng.standard_normal(points.shape)
+
+
+@pytest.mark.parametrize(("family", "share"), [("L", 0.5), ("I", 0.8), ("C", 0.7), ("T", 0.6), ("RHS", 0.5)])
+def test_a_wall_that_was_cut_through_is_told_by_the_points_of_its_cut(family, share):
+    member = made(family, LENGTH)
+    told = explanation(away(member, share, cut=True), member, SIGMA)
+    assert not told.explains
+    assert "cut through" in told.reason
+    where = next(place for place in told.cuts if place.is_cut)
+    assert where.from_m == pytest.approx(FROM, abs=0.02)
+    assert where.to_m == pytest.approx(LENGTH, abs=0.02)
+
+
+@pytest.mark.parametrize(("family", "share"), [("L", 0.5), ("I", 0.8), ("RHS", 0.5)])
+def test_a_wall_that_no_side_was_seen_of_may_be_hidden(family, share):
+    member = made(family, LENGTH)
+    told = explanation(away(member, share, cut=False), member, SIGMA)
+    assert told.explains
+    assert told.cuts
+    assert not any(place.is_cut for place in told.cuts)
+
+
+@pytest.mark.parametrize("family", ["L", "I", "C", "T", "RHS", "CHS", "rect", "round"])
+@pytest.mark.parametrize(("sigma", "clutter"), [(SIGMA, 0.0), (0.003, 0.0), (SIGMA, 0.15)])
+def test_a_whole_member_shows_none(family, sigma, clutter):
+    member = made(family, LENGTH, normals=((0, 0, -1), (0.5, 0, 0.75**0.5)))
+    assert not explanation(scanned(member, N, sigma, 1, clutter), member, sigma).cuts
+
+
+def test_one_side_of_a_wall_that_was_not_seen_is_no_matter():
+    member = made("I", LENGTH)
+    points = scanned(member, N, SIGMA, 2)
+    outside = points[:, 1] > section("I", member.values()).loops[0][:, 1].max() - 0.002
+    assert not explanation(points[~(outside & (points[:, 2] > FROM))], member, SIGMA).cuts
+
+
+def test_bolt_holes_smaller_than_a_hole_of_one_side_would_be_told():
+    member, radius = made("L", LENGTH), 0.009
+    points = scanned(member, N, 0.0, 4)
+    shape = section("L", member.values())
+    x, y = np.concatenate(shape.loops).max(axis=0)
+    place = np.array([x - 0.04, 0.3])
+    leg = outline_distance(shape, points[:, :2])[0] > -1e-4
+    near = np.hypot(points[:, 0] - place[0], points[:, 2] - place[1]) < radius
+    rng = np.random.default_rng(5)
+    turn, t = rng.uniform(0, 2 * np.pi, 60), member.values()["t"]
+    low = np.concatenate(shape.loops)[:, 1].min()
+    ring = np.c_[place[0] + radius * np.cos(turn), low + t * rng.random(60), place[1] + radius * np.sin(turn)]
+    points = np.concatenate([points[~(near & leg & (points[:, 1] < low + 1.5 * t))], ring])
+    told = explanation(points + SIGMA * rng.standard_normal(points.shape), member, SIGMA)
+    assert "cut through" in told.reason

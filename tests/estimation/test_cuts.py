@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
-from estimation.made import made, scanned
 
+from estimation.made import made, scanned
 from scan2fea.estimation.explain import explanation
+from scan2fea.estimation.member import MemberOptions, fit_member
 from scan2fea.estimation.outline import outline_distance
 from scan2fea.kernel.sections import section
+from scan2fea.types import PointCloud, Scan
 
 N, LENGTH, FROM = 40_000, 0.8, 0.6
 SIGMA = 0.0005
@@ -69,7 +71,7 @@ def test_bolt_holes_smaller_than_a_hole_of_one_side_would_be_told():
     member, radius = made("L", LENGTH), 0.009
     points = scanned(member, N, 0.0, 4)
     shape = section("L", member.values())
-    x, y = np.concatenate(shape.loops).max(axis=0)
+    x = np.concatenate(shape.loops)[:, 0].max()
     place = np.array([x - 0.04, 0.3])
     leg = outline_distance(shape, points[:, :2])[0] > -1e-4
     near = np.hypot(points[:, 0] - place[0], points[:, 2] - place[1]) < radius
@@ -80,3 +82,28 @@ def test_bolt_holes_smaller_than_a_hole_of_one_side_would_be_told():
     points = np.concatenate([points[~(near & leg & (points[:, 1] < low + 1.5 * t))], ring])
     told = explanation(points + SIGMA * rng.standard_normal(points.shape), member, SIGMA)
     assert "cut through" in told.reason
+
+
+def profile(loop, n, sigma, seed=6):
+    """Points of the sides of a prism."""
+    rng = np.random.default_rng(seed)
+    way = np.roll(loop, -1, axis=0) - loop
+    size = np.linalg.norm(way, axis=1)
+    edge = rng.choice(len(loop), n, p=size / size.sum())
+    points = np.c_[loop[edge] + rng.random((n, 1)) * way[edge], rng.uniform(0, LENGTH, n)]
+    return points + sigma * rng.standard_normal(points.shape)
+
+
+def test_a_lipped_channel_is_no_box_whose_fourth_wall_is_hidden():
+    h, b, t, lip = 0.1, 0.05, 0.004, 0.018
+    outer = [(0, 0), (b, 0), (b, lip), (b - t, lip), (b - t, t), (t, t), (t, h - t), (b - t, h - t), (b - t, h - lip), (b, h - lip), (b, h), (0, h)]
+    told = fit_member(Scan(cloud=PointCloud.of(profile(np.array(outer), N, 0.0004))), MemberOptions())
+    assert not told.explains
+
+
+def test_an_i_of_unequal_flanges_is_no_i_whose_toes_are_hidden():
+    h, t, w, narrow, wide = 0.15, 0.009, 0.0065, 0.0375, 0.06
+    half = [(wide, 0), (wide, t), (w / 2, t), (w / 2, h - t), (narrow, h - t), (narrow, h)]
+    loop = np.array(half + [(-x, y) for x, y in reversed(half)])
+    told = fit_member(Scan(cloud=PointCloud.of(profile(loop, N, 0.0006))), MemberOptions())
+    assert not told.explains

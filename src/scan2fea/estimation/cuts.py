@@ -153,45 +153,56 @@ def _of_member(member: Member, strips: _Strips, n_z: int) -> BoolArray:
 
 
 def _found(shape: Section, strips: _Strips, shown: IntArray, within: IntArray, own: BoolArray, step: float) -> list[Cut]:
-    """Regions of neighbouring cells of which neither side was seen, on strips of which both sides were seen elsewhere."""
-    n_own = np.maximum(own.sum(axis=1), 1)
-    seen = ((shown > 0) & own).sum(axis=1) / n_own >= _SEEN
-    both = seen & seen[strips.across]
-    bare = (shown == 0) & (shown[strips.across] == 0) & own & both[:, None]
+    """Regions of neighbouring cells of which neither side was seen: cut, or on strips of which both sides were seen elsewhere."""
+    bare = (shown == 0) & (shown[strips.across] == 0) & own
+    seen = ((shown > 0) & own).sum(axis=1) / np.maximum(own.sum(axis=1), 1) >= _SEEN
+    both = bare & (seen & seen[strips.across])[:, None]
     names = [name for loop in shape.face_names for name in loop]
     of_face = np.array([names[k] for k in strips.edge])
     found = []
     for name in dict.fromkeys(names):
         rows = np.flatnonzero(of_face == name)
-        label, n_regions = ndimage.label(bare[rows])
-        for region in range(1, n_regions + 1):
-            inside = label == region
-            cut = _cut(name, rows, inside, strips, shown, within, own, step)
-            told = cut is not None and (cut.is_cut or (inside.sum() >= VOID_CELLS and cut.missed > VOID_POINTS))
-            found += [cut] if cut is not None and told else []
+        found += [cut for cut, _ in _cuts(name, rows, bare, strips, shown, within, own, step) if cut.is_cut]
+        untold = _cuts(name, rows, both, strips, shown, within, own, step)
+        found += [cut for cut, n in untold if not cut.is_cut and n >= VOID_CELLS and cut.missed > VOID_POINTS]
     return found
 
 
-def _cut(
-    name: str, rows: IntArray, inside: BoolArray, strips: _Strips, shown: IntArray, within: IntArray, own: BoolArray, step: float
-) -> Cut | None:
-    """The region as a bare place; None where chance may have left it bare."""
-    around = ndimage.binary_dilation(inside, iterations=2) & ~inside & own[rows]
-    missed = float(inside.sum()) * sum(float(shown[side][around].mean()) for side in (rows, strips.across[rows])) if around.any() else 0.0
-    if missed <= _LEAST_BARE:
-        return None
-    border = np.zeros(shown.shape, bool)
-    border[rows] = inside | around
-    other = np.zeros_like(border)
-    np.logical_or.at(other, (strips.across[rows]), border[rows])
-    border |= other
+def _cuts(
+    name: str, rows: IntArray, bare: BoolArray, strips: _Strips, shown: IntArray, within: IntArray, own: BoolArray, step: float
+) -> list[tuple[Cut, int]]:
+    """The bare regions of a face that chance cannot have left, and of how many cells each is."""
+    label, n_regions = ndimage.label(bare[rows])
+    found = []
+    for region in range(1, n_regions + 1):
+        inside = label == region
+        around = ndimage.binary_dilation(inside, iterations=2) & ~inside & own[rows]
+        missed = float(inside.sum()) * sum(float(shown[side][around].mean()) for side in (rows, strips.across[rows])) if around.any() else 0.0
+        if missed <= _LEAST_BARE:
+            continue
+        border = np.zeros(shown.shape, bool)
+        border[rows] = inside | around
+        np.logical_or.at(border, strips.across[rows], inside | around)
+        at, widths = np.flatnonzero(inside.any(axis=0)), (strips.high - strips.low)[rows]
+        cut = Cut(
+            face=name, from_m=float(at[0] * step), to_m=float((at[-1] + 1) * step), area_m2=float((inside.sum(axis=1) * widths).sum() * step),
+            missed=missed, deep=int(within[border].sum()), by_chance=_by_chance(border, rows, strips, shown, within, own),
+        )  # fmt: skip
+        found.append((cut, int(inside.sum())))
+    return found
+
+
+def _by_chance(border: BoolArray, rows: IntArray, strips: _Strips, shown: IntArray, within: IntArray, own: BoolArray) -> float:
+    """Points inside the wall that a border would have by chance: as many as elsewhere on these two sides or on all, by cell (strays) or by point of
+    a side (the tail of the noise), whichever is more.
+    """
     asked = np.zeros(len(strips.edge), bool)
     asked[rows], asked[strips.across[rows]] = True, True
-    elsewhere = asked[:, None] & ~border & own
-    rate = float(within[elsewhere].sum()) / max(int(elsewhere.sum()), 1)
-    at = np.flatnonzero(inside.any(axis=0))
-    widths = (strips.high - strips.low)[rows]
-    return Cut(
-        face=name, from_m=float(at[0] * step), to_m=float((at[-1] + 1) * step), area_m2=float((inside.sum(axis=1) * widths).sum() * step),
-        missed=missed, deep=int(within[border].sum()), by_chance=rate * int(border.sum()),
-    )  # fmt: skip
+    most = 0.0
+    for of in (asked, np.ones_like(asked)):
+        elsewhere = of[:, None] & ~border & own
+        deep = float(within[elsewhere].sum())
+        by_cell = deep / max(int(elsewhere.sum()), 1) * int(border.sum())
+        by_point = deep / max(float(shown[elsewhere].sum()), 1.0) * float(shown[border].sum())
+        most = max(most, by_cell, by_point)
+    return most

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 from estimation.made import made, scanned
+from scan2fea.estimation.cuts import share_of_sides
 from scan2fea.estimation.explain import explanation
 from scan2fea.estimation.member import MemberOptions, fit_member
 from scan2fea.estimation.outline import outline_distance
 from scan2fea.kernel.sections import section
 from scan2fea.types import PointCloud, Scan
+from scan2fea.verification.member import bare_wall_checks
 
 N, LENGTH, FROM = 40_000, 0.8, 0.6
 SIGMA = 0.0005
@@ -107,3 +109,16 @@ def test_an_i_of_unequal_flanges_is_no_i_whose_toes_are_hidden():
     loop = np.array(half + [(-x, y) for x, y in reversed(half)])
     told = fit_member(Scan(cloud=PointCloud.of(profile(loop, N, 0.0006))), MemberOptions())
     assert not told.explains
+
+
+def test_a_wall_bare_between_its_seen_edges_is_told_where_the_noise_hides_a_cut():
+    member = made("RHS", LENGTH)
+    sigma = 0.3 * member.values()["t"]
+    points = scanned(member, N, 0.0, 7)
+    shape = section("RHS", member.values())
+    right, h = np.concatenate(shape.loops)[:, 0].max(), member.values()["h"]
+    middle = np.concatenate(shape.loops)[:, 1].mean()
+    gap = (points[:, 0] > right - 1.5 * member.values()["t"]) & (np.abs(points[:, 1] - middle) < 0.25 * h)
+    told = explanation(points[~gap] + sigma * np.random.default_rng(8).standard_normal((int((~gap).sum()), 3)), member, sigma)
+    assert not any(place.is_cut for place in told.cuts)
+    assert [check.passed for check in bare_wall_checks(share_of_sides(told.cuts, member))] == [False]

@@ -2,7 +2,9 @@
 
 A hole is enclosed (`holes.py`); what lies open to the rim of a face may be hidden. But where a wall was cut through, its cut was scanned like the
 rest: points lie inside the wall, along the border of the bare place, where points of an intact wall never lie. Such a place is cut. Where its border
-shows no such points it may be hidden from both sides or cut and the cut unseen, and all that can be said is that no side of the wall was seen there.
+shows no such points it may be hidden from both sides or cut and the cut unseen, and all that can be said is that no side of the wall was seen there:
+beside places of the same strip where both were seen, or, along the whole member, between two such strips of one straight wall (a face never seen, and
+all beyond it, follows from the other faces).
 
 Points inside are counted deeper than `_DEEP_SIGMAS` of noise and a quarter of the wall under the nearest side, and compared with how often such
 points occur along those two sides elsewhere (strays; the tail of the noise).
@@ -11,6 +13,7 @@ points occur along those two sides elsewhere (strays; the tail of the noise).
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,6 +67,25 @@ class _Strips(Value):
     wall_m: FloatArray
 
 
+def share_of_sides(places: Iterable[Cut], member: Member) -> float:
+    """Of the area of the member's sides, that of the bare places."""
+    shape = section(member.family, member.values())
+    outline = sum(float(np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1).sum()) for loop in shape.loops)
+    return sum(place.area_m2 for place in places) / (outline * member.values()["length"])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Counted(Value):
+    """Per strip and place along the member: shown : points of the side.   within : points inside the wall.   own : whether it is of the member.
+    step_m : from place to place.
+    """
+
+    shown: IntArray
+    within: IntArray
+    own: BoolArray
+    step_m: float
+
+
 def cuts(member: Member, side: FloatArray, edge: IntArray, along: FloatArray, z: FloatArray, sigma_m: float) -> tuple[Cut, ...]:
     """The bare places, the largest first: cut, or such as chance cannot have left.
 
@@ -83,8 +105,8 @@ def cuts(member: Member, side: FloatArray, edge: IntArray, along: FloatArray, z:
     deep = inside & (-side > np.maximum(_DEEP_SIGMAS * sigma_m, _DEEP_WALL * strips.wall_m[row]))
     shown = _counts(row[inside & ~deep], place[inside & ~deep], len(strips.edge), n_z)
     within = _counts(row[deep], place[deep], len(strips.edge), n_z)
-    own = _of_member(member, strips, n_z)
-    return tuple(sorted(_found(shape, strips, shown, within, own, length / n_z), key=lambda cut: -cut.area_m2))
+    counted = _Counted(shown=shown, within=within, own=_of_member(member, strips, n_z), step_m=length / n_z)
+    return tuple(sorted(_found(shape, strips, counted, 4 * sigma_m), key=lambda cut: -cut.area_m2))
 
 
 def _counts(row: IntArray, place: IntArray, n_rows: int, n_z: int) -> IntArray:
@@ -152,47 +174,59 @@ def _of_member(member: Member, strips: _Strips, n_z: int) -> BoolArray:
     return own
 
 
-def _found(shape: Section, strips: _Strips, shown: IntArray, within: IntArray, own: BoolArray, step: float) -> list[Cut]:
-    """Regions of neighbouring cells of which neither side was seen: cut, or on strips of which both sides were seen elsewhere."""
-    bare = (shown == 0) & (shown[strips.across] == 0) & own
-    seen = ((shown > 0) & own).sum(axis=1) / np.maximum(own.sum(axis=1), 1) >= _SEEN
-    both = bare & (seen & seen[strips.across])[:, None]
+def _found(shape: Section, strips: _Strips, counted: _Counted, blur_m: float) -> list[Cut]:
+    """Regions of neighbouring cells of which neither side was seen: cut, or where both sides were to be expected. blur_m : reach of the noise."""
+    across = strips.across
+    bare = (counted.shown == 0) & (counted.shown[across] == 0) & counted.own
+    seen = ((counted.shown > 0) & counted.own).sum(axis=1) / np.maximum(counted.own.sum(axis=1), 1) >= _SEEN
+    seen &= seen[across]
+    expected = bare & (seen | _between(shape, strips, seen, blur_m))[:, None]
     names = [name for loop in shape.face_names for name in loop]
     of_face = np.array([names[k] for k in strips.edge])
     found = []
     for name in dict.fromkeys(names):
         rows = np.flatnonzero(of_face == name)
-        found += [cut for cut, _ in _cuts(name, rows, bare, strips, shown, within, own, step) if cut.is_cut]
-        untold = _cuts(name, rows, both, strips, shown, within, own, step)
-        found += [cut for cut, n in untold if not cut.is_cut and n >= VOID_CELLS and cut.missed > VOID_POINTS]
+        found += [cut for cut, _ in _cuts(name, rows, bare, strips, counted) if cut.is_cut]
+        found += [cut for cut, n in _cuts(name, rows, expected, strips, counted) if not cut.is_cut and n >= VOID_CELLS and cut.missed > VOID_POINTS]
     return found
 
 
-def _cuts(
-    name: str, rows: IntArray, bare: BoolArray, strips: _Strips, shown: IntArray, within: IntArray, own: BoolArray, step: float
-) -> list[tuple[Cut, int]]:
+def _between(shape: Section, strips: _Strips, seen: BoolArray, blur_m: float) -> BoolArray:
+    """(strips,) whether a strip lies between two of its edge that were seen, on both sides, clear of the walls and the noise at the corners."""
+    long = np.concatenate([np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1) for loop in shape.loops])
+    clear = float(strips.wall_m.min()) + blur_m
+    sure = seen & (strips.low >= clear) & (strips.high <= long[strips.edge] - clear)
+    between = np.zeros(len(seen), bool)
+    for edge in np.unique(strips.edge[sure]):
+        rows = np.flatnonzero(sure & (strips.edge == edge))
+        between[rows[0] : rows[-1] + 1] = True
+    return between
+
+
+def _cuts(name: str, rows: IntArray, bare: BoolArray, strips: _Strips, counted: _Counted) -> list[tuple[Cut, int]]:
     """The bare regions of a face that chance cannot have left, and of how many cells each is."""
     label, n_regions = ndimage.label(bare[rows])
+    other, step = strips.across[rows], counted.step_m
     found = []
     for region in range(1, n_regions + 1):
         inside = label == region
-        around = ndimage.binary_dilation(inside, iterations=2) & ~inside & own[rows]
-        missed = float(inside.sum()) * sum(float(shown[side][around].mean()) for side in (rows, strips.across[rows])) if around.any() else 0.0
-        if missed <= _LEAST_BARE:
+        around = ndimage.binary_dilation(inside, iterations=2) & ~inside & counted.own[rows]
+        density = sum(float(counted.shown[side][around].mean()) for side in (rows, other)) if around.any() else 0.0
+        if inside.sum() * density <= _LEAST_BARE:
             continue
-        border = np.zeros(shown.shape, bool)
+        border = np.zeros(bare.shape, bool)
         border[rows] = inside | around
-        np.logical_or.at(border, strips.across[rows], inside | around)
+        np.logical_or.at(border, other, inside | around)
         at, widths = np.flatnonzero(inside.any(axis=0)), (strips.high - strips.low)[rows]
         cut = Cut(
             face=name, from_m=float(at[0] * step), to_m=float((at[-1] + 1) * step), area_m2=float((inside.sum(axis=1) * widths).sum() * step),
-            missed=missed, deep=int(within[border].sum()), by_chance=_by_chance(border, rows, strips, shown, within, own),
+            missed=float(inside.sum() * density), deep=int(counted.within[border].sum()), by_chance=_by_chance(border, rows, strips, counted),
         )  # fmt: skip
         found.append((cut, int(inside.sum())))
     return found
 
 
-def _by_chance(border: BoolArray, rows: IntArray, strips: _Strips, shown: IntArray, within: IntArray, own: BoolArray) -> float:
+def _by_chance(border: BoolArray, rows: IntArray, strips: _Strips, counted: _Counted) -> float:
     """Points inside the wall that a border would have by chance: as many as elsewhere on these two sides or on all, by cell (strays) or by point of
     a side (the tail of the noise), whichever is more.
     """
@@ -200,9 +234,9 @@ def _by_chance(border: BoolArray, rows: IntArray, strips: _Strips, shown: IntArr
     asked[rows], asked[strips.across[rows]] = True, True
     most = 0.0
     for of in (asked, np.ones_like(asked)):
-        elsewhere = of[:, None] & ~border & own
-        deep = float(within[elsewhere].sum())
+        elsewhere = of[:, None] & ~border & counted.own
+        deep = float(counted.within[elsewhere].sum())
         by_cell = deep / max(int(elsewhere.sum()), 1) * int(border.sum())
-        by_point = deep / max(float(shown[elsewhere].sum()), 1.0) * float(shown[border].sum())
+        by_point = deep / max(float(counted.shown[elsewhere].sum()), 1.0) * float(counted.shown[border].sum())
         most = max(most, by_cell, by_point)
     return most

@@ -18,7 +18,7 @@ from scan2fea.pipeline.route import ESTIMATION, RECONSTRUCTION, Estimate, estima
 from scan2fea.tetmeshing import layered
 from scan2fea.types import Brep, Member, Route, TetMesh
 from scan2fea.verification.given import given_checks
-from scan2fea.verification.member import length_checks, member_checks, strip_checks
+from scan2fea.verification.member import bare_wall_checks, length_checks, member_checks, strip_checks
 
 GIVEN = "the input has faces: it enters at repair"
 ASKED = "free form: route.mode asks for it"
@@ -41,7 +41,11 @@ def choose_route(made: Made, source: Tracked[Part], config: Config, record: Reco
         return None
     named = bool(config.route.member or config.estimation.family or (own is not None and own.family))
     open_end = found.value.open_end
-    checks = (*member_checks(member, found.value.explains, given=named, open_end=open_end), *given_checks(found.value.n_contradicted))
+    checks = (
+        *member_checks(member, found.value.explains, given=named, open_end=open_end),
+        *bare_wall_checks(found.value.bare_share),
+        *given_checks(found.value.n_contradicted),
+    )
     failed = [check for check in checks if not check.passed]
     if failed and mode != ESTIMATION:
         denied = contradictions(found.value.given)

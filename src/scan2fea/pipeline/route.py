@@ -13,7 +13,7 @@ from scan2fea.errors import EstimationError, InputError
 from scan2fea.estimation.as_member import without_length
 from scan2fea.estimation.beside import strip_beside
 from scan2fea.estimation.catalogued import catalogued, with_standard_odds
-from scan2fea.estimation.cuts import Cut
+from scan2fea.estimation.cuts import Cut, share_of_sides
 from scan2fea.estimation.damage import damages
 from scan2fea.estimation.designation import parse_designation
 from scan2fea.estimation.elbows import bent_back, laid_out
@@ -54,7 +54,8 @@ class Estimate(Value):
     p_fixed : probability of data as far from the given dimensions as these if those were true; None where none was given or none is told.
     given : each given dimension beside what the points say of it.   whole : the user said that nothing hid the object and nothing was cut off it.
     open_end : why its length is not told: the member may go on beyond the scan; "" where it is told or it explains nothing.
-    bare_ends : ends of which no face was seen, and that rest on nothing.   bare_wall : a stretch of a wall of which neither side was seen.
+    bare_ends : ends of which no face was seen, and that rest on nothing.   bare_wall : the largest stretch of a wall of which neither side was
+    seen.   bare_share : of the area of its sides, that of all such stretches.
     strip : why it is only part of what was scanned, as an object of its own beside it shows; "" where none does.
     stray_share : of the points, off a member that explains the others, and no crowd.
     """
@@ -68,6 +69,7 @@ class Estimate(Value):
     open_end: str = ""
     bare_ends: int = 0
     bare_wall: Cut | None = None
+    bare_share: float = 0.0
     strip: str = ""
     stray_share: float = 0.0
 
@@ -186,6 +188,7 @@ def _straight(
         member=member, explains=fit.explains, reason=_reason(fit, options), p_fixed=fit.p_fixed, given=fit.given, whole=options.whole, strip=strip,
         stray_share=told.stray_share if fit.explains else 0.0, open_end=fit.why.get("length", "") if fit.explains else "",
         bare_ends=_bare_ends(fit, is_rested or END in member.seated), bare_wall=told.cuts[0] if fit.explains and told.cuts else None,
+        bare_share=share_of_sides(told.cuts, fit.member) if fit.explains else 0.0,
     )  # fmt: skip
 
 

@@ -43,6 +43,11 @@ def member_checks(member: Member, explains: bool, *, given: bool = False, open_e
     )
 
 
+def bare_wall_checks(share: float) -> tuple[Check, ...]:
+    """Of the area of a member's sides, the share at which neither side of a wall was seen, though it was beside it."""
+    return (at_most("member.bare_walls", share),)
+
+
 def strip_checks(reason: str) -> tuple[Check, ...]:
     """The failed check of an object beside which an object of its own runs, whatever it is made as: `reason` says so; none where nothing does."""
     return (holds("member.strip_beside", False, reason, "none"),) if reason else ()

@@ -7,7 +7,7 @@ import pytest
 
 from scan2fea.estimation.fit import fit_section
 from scan2fea.estimation.member import MemberOptions, fit_member
-from scan2fea.estimation.on_lines import lines, sections_on_lines
+from scan2fea.estimation.on_lines import densest_run, lines, sections_on_lines
 from scan2fea.estimation.plausible import implausible_price
 from scan2fea.kernel.sections import PARAMETERS, edge_names, section
 from scan2fea.types import PointCloud, Scan
@@ -71,6 +71,66 @@ def test_one_direction_tells_the_wall_of_both_legs():
     xy += 3e-4 * rng.normal(size=xy.shape)
     values = sections_on_lines(xy, "L", 0.0, 3e-4)[0][0]
     assert values == pytest.approx([0.152, 0.102, 0.0159], abs=5e-4)
+
+
+def one_leg_and_a_toe(rng, strays=0.15):
+    """(n, 2) points of both faces of one leg of the angle and of the other leg's toe, among even strays: no face across x was seen."""
+    xy = outline("L", 8_000, rng, hidden=("A_OUTER", "A_INNER", "B_TOE"))
+    xy = xy + 1e-3 * rng.normal(size=xy.shape)
+    low, high = xy.min(axis=0), xy.max(axis=0)
+    return np.concatenate([xy, rng.uniform(low - 0.01, high + 0.01, (round(strays / (1 - strays) * len(xy)), 2))])
+
+
+def test_a_run_is_where_points_are_dense():
+    rng = np.random.default_rng(7)
+    along = np.sort(np.concatenate([rng.uniform(0.2, 0.5, 300), rng.uniform(0.0, 1.0, 100)]))
+    low, high = densest_run(along)
+    assert along[[low, high]] == pytest.approx([0.2, 0.5], abs=0.01)
+    assert densest_run(np.array([0.3])) == (0, 0)
+
+
+@pytest.mark.parametrize("roll", [0.0, 2.2])
+def test_where_no_face_was_seen_its_neighbours_end(roll):
+    xy = turned(one_leg_and_a_toe(np.random.default_rng(8)), roll)
+    found = sections_on_lines(xy, "L", roll, 1e-3)
+    assert min(float(np.abs(values - [0.152, 0.102, 0.0159]).max()) for values, _, _ in found) < 3e-3
+
+
+def test_sections_on_lines_alone_stay_where_ends_stand_in():
+    """Ends had taken their place: a real girder, seen like this, was told as an angle that does not explain its points."""
+    hidden = ("BOTTOM_OUTER", "BOTTOM_TOE_LEFT", "BOTTOM_TOE_RIGHT", "TOP_INNER_LEFT", "TOP_INNER_RIGHT", "TOP_TOE_RIGHT")
+    rng = np.random.default_rng(12)
+    xy = outline("I", 8_000, rng, hidden=hidden)
+    found = [values for values, _, _ in sections_on_lines(xy + 4e-4 * rng.normal(size=xy.shape), "I", 0.0, 4e-4)]
+    assert found[0] == pytest.approx([0.1915, 0.1, 0.0056, 0.0056], abs=5e-4)  # as deep as the faces that were seen, its flange as thick as its web
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_one_leg_and_the_toe_of_the_other_are_an_angle(seed):
+    """They were a channel or an I with a belief of 1: the search never came to the angle, likelier by hundreds of units."""
+    rng = np.random.default_rng([9, seed])
+    xy = one_leg_and_a_toe(rng)
+    fit = fit_section(np.column_stack([xy, rng.uniform(0, 1.5, len(xy))]), z_range=(0.0, 1.5))
+    assert fit.family == "L" and fit.families["L"] > 0.99
+    assert fit.value("a") == pytest.approx(0.152, abs=1e-3) and fit.value("t") == pytest.approx(0.0159, abs=5e-4)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_wall_whose_faces_lie_on_one_line_is_begun_at_two_sigma(seed):
+    """A wall of 2.7 sigma: lines told none, so that the angle was no hypothesis, and an I or a flat won."""
+    rng = np.random.default_rng([13, seed])
+    xy = outline("L", 8_000, rng, hidden=("A_OUTER", "A_INNER", "B_TOE"))
+    found = sections_on_lines(xy + 6e-3 * rng.normal(size=xy.shape), "L", 0.0, 6e-3)
+    assert any(values[2] == pytest.approx(0.012) and values[:2] == pytest.approx([0.152, 0.102], abs=0.012) for values, _, _ in found)
+
+
+@pytest.mark.parametrize("angle", [3.5, 4.0, 4.5])
+def test_where_faces_were_cut_they_tell_no_wall(angle):
+    """Half a box tube had been an angle of which the wall was what was left of a side; it was built."""
+    rng = np.random.default_rng(14)
+    xy = outline("RHS", 20_000, rng, hidden=("LEFT_INNER", "BOTTOM_INNER"))
+    xy = (xy + 4e-4 * rng.normal(size=xy.shape))[(xy - xy.mean(axis=0)) @ [math.cos(angle), math.sin(angle)] > 0]
+    assert all(values[2] < 0.01 for values, _, _ in sections_on_lines(xy, "L", 0.0, 4e-4))
 
 
 def test_three_outer_faces_are_a_tube_s_as_well_as_a_bar_s():

@@ -32,6 +32,7 @@ _RESOLVED = 4.0  # sigma: a box has the kurtosis of two Gaussian sheets 3.7 of t
 _FLATTEST_TUBE = 4.0  # h / b: nine in ten rectangular tubes of sections.csv are at most 3; flatter is rather a plate
 _STILL_IN = 100.0  # BIC units behind the best at which a hypothesis is dropped: no law of noise or trimming of the ends brought one back from there
 _STRAYS = 0.01  # of the points, off the best section: more than few strays, and the section may be another one
+_RISE = 10  # steps on the first points before sections on lines are compared: a wall off by a sigma outweighs a face that nothing explains
 _WALLS = 4  # of a tube: each may be turned once
 _VERY_STRONG = 10.0  # BIC units (Kass and Raftery 1995)
 _LAW_PRICE = _VERY_STRONG  # that a law other than Gauss's must gain
@@ -127,14 +128,14 @@ def _on_lines(scene: Scene, best: Candidate, families: Sequence[str]) -> list[Ca
     roll, sigma = best.layout.get(best.theta, "roll"), best.layout.sigma(best.theta)
     found: list[Candidate] = []
     for family in families:
-        layout = Layout(family=family)
-        tried = []
+        layout, tried = Layout(family=family), []
+        held = scene.held(layout)
         for values, turn, place in sections_on_lines(scene.points[:, :2], family, roll, sigma):
             theta = np.array([*values, turn, *place, math.log(sigma), math.log(_STRAYS)])
             weight = np.maximum(snapped(seen_weights(scene.model(layout, "gaussian", None, few=True), theta)), 1e-3)
-            tried.append((float(scene.model(layout, "gaussian", weight, few=True).levels(theta[None])[0]), theta))
+            tried.append(climbed(scene.model(layout, "gaussian", weight, few=True), theta, scene.size_m, fixed=held, max_iterations=_RISE))
         if tried:
-            theta = max(tried, key=lambda one: one[0])[1]
+            theta = max(tried, key=lambda one: one.log_posterior).theta
             start = replace(best, layout=layout, theta=theta, noise="gaussian", face_weight=None, bic=math.inf)
             found += _hidden_from(scene, start)
     return found

@@ -3,7 +3,8 @@
 From afar all faces of a section count alike, and two of which one was seen much better than the other flow together: the wall between them closes up
 and never opens again. Once the roll is known nothing need be searched. Every face lies on a line x = c or y = c of the section's frame, at an offset
 that is linear in the dimensions, so lines give to as many faces of a family as it has unknowns are solved for those. Each way of giving lines to
-faces is a hypothesis; those that explain the most points are kept.
+faces is a hypothesis; those that explain the most points are kept. Where lines are too few the places where those across them end stand in: beside
+the hypotheses on lines alone, since they may be better.
 """
 
 from __future__ import annotations
@@ -11,13 +12,14 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from scan2fea.kernel.section_likelihood import is_section
 from scan2fea.kernel.sections import PARAMETERS, corner_factors, edge_names
-from scan2fea.types import FloatArray
+from scan2fea.types import BoolArray, FloatArray, Value
 
 _WIDE = 2.0  # sigma: half of a line's width
 _FLANK = 3.0  # half widths of a line: what lies beside it, on the denser side
@@ -25,31 +27,66 @@ _SURE = 5.0  # standard deviations of what lies beside it that a line stands out
 _LEAST = 0.01  # of the points, on a line
 _MOST_LINES = 6  # of one direction
 _SAME = 3.0  # sigma: a line and a face are at one place
+_ROUNDS = 3  # of a run's ends and densities
+_OF_END = 0.1  # of a line's points: what its end weighs beside a line of its own, since a shadow ends a face as well as a corner does
 _KEPT = 4  # ways of giving the lines of one direction to faces
 _MOST = 6  # hypotheses of a family
 _QUARTERS: Mapping[str, int] = {"L": 4, "C": 4, "T": 4, "I": 2, "RHS": 1}  # quarter turns that make a different section
 _WALL = {"L": ("t", "t"), "RHS": ("t", "t"), "C": ("tw", "tf"), "I": ("tw", "tf"), "T": ("tw", "tf")}  # across x, across y
 _OUTER = {"L": ("a", "b"), "RHS": ("b", "h"), "C": ("b", "h"), "I": ("b", "h"), "T": ("b", "h")}
+_Placed = tuple[float, FloatArray, float, FloatArray]  # score, dimensions, roll, place
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines(Value):
+    """Places (k,) across one axis, in order, how many points (k,) each explains, and which of them are ends of lines along it."""
+
+    places: FloatArray
+    weights: FloatArray
+    are_ends: BoolArray
 
 
 def sections_on_lines(xy: FloatArray, family: str, roll: float, sigma_m: float) -> list[tuple[FloatArray, float, FloatArray]]:
     """Dimensions (p,), roll and place (2,) of the sections of a family on lines of the points (n, 2), best first; none of round ones and flats.
 
+    Those on lines alone come before those that also need places where lines end, and these before those of which no line tells a wall.
     roll : of the section's x, rad, to a quarter turn.   sigma_m : noise of the points.
     """
-    found: list[tuple[float, FloatArray, float, FloatArray]] = []
+    on_lines: list[_Placed] = []
+    on_ends: list[_Placed] = []
+    unresolved: list[_Placed] = []
     for quarter in range(_QUARTERS.get(family, 0)):
         turn = roll + quarter * math.pi / 2
         c, s = math.cos(turn), math.sin(turn)
         own = xy @ np.array([[c, -s], [s, c]])
-        ways = [_ways(family, axis, *lines(own[:, axis], sigma_m), sigma_m) for axis in (0, 1)]
-        for along_x, along_y in itertools.product(*ways):
-            values = _together(family, along_x[1], along_y[1], sigma_m)
-            if values is not None:
-                x, y = along_x[1]["place"], along_y[1]["place"]
-                found.append((along_x[0] + along_y[0], values, turn, np.array([c * x - s * y, s * x + c * y])))
-    found.sort(key=lambda one: -one[0])
-    return [one[1:] for one in found[:_MOST]]
+        told = [_Lines(*found, np.zeros(len(found[0]), bool)) for found in (lines(own[:, axis], sigma_m) for axis in (0, 1))]
+        more = [_with_ends(family, axis, own, told, sigma_m) for axis in (0, 1)]
+        on_lines += _placed(family, turn, told, sigma_m)
+        if any(one.are_ends.any() for one in more):
+            on_ends += _placed(family, turn, more, sigma_m)
+        if family != "RHS":  # of a tube that is seen from outside: it takes the outer faces of a bar
+            unresolved += _placed(family, turn, more, sigma_m, _WIDE * sigma_m)
+    best = [sorted(found, key=lambda one: -one[0])[:_MOST] for found in (on_lines, on_ends, unresolved)]
+    return [one[1:] for found in best for one in found]
+
+
+def _placed(family: str, turn: float, told: Sequence[_Lines], sigma_m: float, wall_m: float | None = None) -> list[_Placed]:
+    """Score, dimensions, roll and place of the sections turned by `turn` on the lines across both of its directions.
+
+    wall_m : only of sections of which no line tells a wall, where it is begun: both faces of a thinner one than twice that lie on one line.
+    """
+    c, s = math.cos(turn), math.sin(turn)
+    found = []
+    for (x_score, x), (y_score, y) in itertools.product(*(_ways(family, axis, told[axis], sigma_m) for axis in (0, 1))):
+        if wall_m is not None:
+            if _WALL[family][0] in x or _WALL[family][1] in y:
+                continue
+            x = {**x, _WALL[family][0]: wall_m}
+        values = _together(family, x, y, sigma_m)
+        if values is not None:
+            place = np.array([c * x["place"] - s * y["place"], s * x["place"] + c * y["place"]])
+            found.append((x_score + y_score, values, turn, place))
+    return found
 
 
 def lines(at: FloatArray, sigma_m: float) -> tuple[FloatArray, FloatArray]:
@@ -76,6 +113,49 @@ def lines(at: FloatArray, sigma_m: float) -> tuple[FloatArray, FloatArray]:
     return np.array(places)[by_place], np.array(weights)[by_place]
 
 
+def _with_ends(family: str, axis: int, own: FloatArray, told: Sequence[_Lines], sigma_m: float) -> _Lines:
+    """The lines across one axis; where they are fewer than its unknowns, also the places at which the lines along it begin and end.
+
+    A face that nobody saw is where its neighbours stop: of an angle of which one leg and the other's toe were seen no line runs along that other leg.
+    """
+    known = told[axis]
+    if len(known.places) >= len(_offsets(family, axis)[0]):
+        return known
+    ends: list[tuple[float, float]] = []
+    for line in told[1 - axis].places:
+        along = np.sort(own[np.abs(own[:, 1 - axis] - line) <= _WIDE * sigma_m, axis])
+        low, high = densest_run(along)
+        ends += [(float(along[at]), _OF_END * (high - low)) for at in (low, high)]
+    places, weights = known.places.tolist(), known.weights.tolist()
+    for at, weight in sorted(ends, key=lambda one: -one[1]):
+        if len(places) < _MOST_LINES and min((abs(at - place) for place in places), default=math.inf) > _SAME * sigma_m:
+            places.append(at)
+            weights.append(weight)
+    order = np.argsort(places)
+    return _Lines(np.array(places, float)[order], np.array(weights, float)[order], order >= len(known.places))
+
+
+def densest_run(along: FloatArray) -> tuple[int, int]:
+    """First and last row of the stretch of sorted places (n,) that is likeliest to hold a line, as even points among fewer even ones.
+
+    Two Poisson densities: a place in the stretch gains log(in / out), a metre of it costs in - out (a scan statistic).
+    """
+    n, extent = len(along), float(np.ptp(along))
+    half = max(n // 2, 1)
+    if n < 2 or extent <= 0:
+        return 0, max(n - 1, 0)
+    inside, low, high = half / max(float((along[half:] - along[:-half]).min()), 1e-9 * extent), 0, n - 1
+    for _ in range(_ROUNDS):
+        outside = max((n - (high - low)) / extent, 0.01 * inside)
+        inside = max(inside, 1.5 * outside)
+        cost = np.arange(n) - along * (inside - outside) / math.log(inside / outside)
+        least = np.minimum.accumulate(cost)
+        high = int(np.argmax(cost - least))
+        low = int(np.argmin(cost[: high + 1]))
+        inside = (high - low) / max(float(along[high] - along[low]), 1e-9 * extent)
+    return low, high
+
+
 @functools.cache
 def _offsets(family: str, axis: int) -> tuple[tuple[str, ...], FloatArray]:
     """The unknowns of one direction, its place last, and (k, u) how the distinct offsets of the faces across it follow from them."""
@@ -91,27 +171,31 @@ def _offsets(family: str, axis: int) -> tuple[tuple[str, ...], FloatArray]:
     return names, np.column_stack([table[:, used], np.ones(len(table))])
 
 
-def _ways(family: str, axis: int, places: FloatArray, weights: FloatArray, sigma_m: float) -> list[tuple[float, Mapping[str, float]]]:
+def _ways(family: str, axis: int, told: _Lines, sigma_m: float) -> list[tuple[float, Mapping[str, float]]]:
     """Score and unknowns of the best ways of giving lines to the faces across one axis. Without "wall" where too few lines tell it."""
+    places, weights = told.places, told.weights
     found: dict[tuple[int, ...], tuple[float, Mapping[str, float]]] = {}
-    for values in _solutions(family, axis, places):
+    for values in _solutions(family, axis, told):
         names, offsets = _offsets(family, axis)
         wall = _WALL[family][axis]
         outer = values[_OUTER[family][axis]]
         if outer <= 0 or not 0 < values.get(wall, sigma_m) < 0.5 * outer:
             continue
-        told = offsets[:, [k for k, name in enumerate(names) if name in values]] @ np.array([values[name] for name in names if name in values])
+        placed = offsets[:, [k for k, name in enumerate(names) if name in values]] @ np.array([values[name] for name in names if name in values])
         if wall not in values:
-            told = told[~offsets[:, names.index(wall)].astype(bool)]
-        score = float(weights[np.abs(places[:, None] - told).min(axis=1) <= _SAME * sigma_m].sum())
+            placed = placed[~offsets[:, names.index(wall)].astype(bool)]
+        score = float(weights[np.abs(places[:, None] - placed).min(axis=1) <= _SAME * sigma_m].sum())
         key = tuple(np.round(np.array([values.get(name, 0.0) for name in names]) / (_SAME * sigma_m)).astype(int).tolist())
         if key not in found or found[key][0] < score:
             found[key] = score, values
     return sorted(found.values(), key=lambda one: -one[0])[:_KEPT]
 
 
-def _solutions(family: str, axis: int, places: FloatArray) -> Iterator[Mapping[str, float]]:
-    """Unknowns of one direction from lines given, in order, to as many of its faces; with the wall left open, from the others."""
+def _solutions(family: str, axis: int, told: _Lines) -> Iterator[Mapping[str, float]]:
+    """Unknowns of one direction from lines given, in order, to as many of its faces; with the wall left open, from the others.
+
+    Ends tell no wall, since they may be where faces were cut: half a box tube had been an angle whose wall was what was left of a side.
+    """
     names, offsets = _offsets(family, axis)
     wall = names.index(_WALL[family][axis])
     without = [k for k in range(len(names)) if k != wall]
@@ -121,8 +205,10 @@ def _solutions(family: str, axis: int, places: FloatArray) -> Iterator[Mapping[s
             if abs(float(np.linalg.det(system))) < 1e-9:
                 continue
             inverted = np.linalg.inv(system)
-            for given in itertools.combinations(places.tolist(), len(used)):
-                yield dict(zip((names[k] for k in used), (inverted @ np.array(given)).tolist(), strict=True))
+            of_wall = np.abs(inverted[used.index(wall)]) > 1e-9 if wall in used else np.zeros(len(used), bool)
+            for given in itertools.combinations(range(len(told.places)), len(used)):
+                if not (of_wall & told.are_ends[list(given)]).any():
+                    yield dict(zip((names[k] for k in used), (inverted @ told.places[list(given)]).tolist(), strict=True))
 
 
 def _together(family: str, x: Mapping[str, float], y: Mapping[str, float], sigma_m: float) -> FloatArray | None:

@@ -82,7 +82,7 @@ def true_solid(
         if found.brep is not None:
             return found
     mixed: list[Patches] = []
-    for factor, patches, sharp, fillets in _candidates(mesh, near, known, scale, raw):
+    for factor, patches, sharp, fillets in _candidates(mesh, near, known, scale, raw, asked if near.density else None):
         lost = unexplained(mesh, patches, factor * scale.reach_m, near.face, near.density)
         said = _refused(patches, lost)
         if said:  # a head that is no ball leaves none where nothing blurs it
@@ -121,9 +121,14 @@ def _measured(mesh: TriangleMesh, points: FloatArray, scale: Scale) -> Measured:
 _Candidate = tuple[float, Patches, Patches, tuple[Fillet, ...]]  # times the tolerance; patches; these without fillets; fillets
 
 
-def _candidates(mesh: TriangleMesh, near: Measured, known: list[Surface], scale: Scale, raw: Patches) -> Iterator[_Candidate]:
-    """The segmentations, the tight one first unless what it has more than the wide one are scraps: rounded creases in pieces."""
-    tight = _candidate(mesh, near, known, scale, TOLERANCES[0], raw)
+def _candidates(
+    mesh: TriangleMesh, near: Measured, known: list[Surface], scale: Scale, raw: Patches, asked: Patches | None
+) -> Iterator[_Candidate]:
+    """The segmentations, the tight one first unless what it has more than the wide one are scraps: rounded creases in pieces.
+
+    asked : what the points ask of `raw` where creases are rounded by no more than the reach; None where it is not known.
+    """
+    tight = _candidate(mesh, near, known, scale, TOLERANCES[0], raw, asked)
     made = (_candidate(mesh, near, known, scale, f, segmented(mesh, f * scale.tolerance_m, known)) for f in TOLERANCES[1:])
     if smooth_share(mesh, tight[2]) > SMOOTH:
         yield tight
@@ -138,12 +143,14 @@ def _candidates(mesh: TriangleMesh, near: Measured, known: list[Surface], scale:
     yield from (wide, tight) if wide_first else (tight, wide)
 
 
-def _candidate(mesh: TriangleMesh, near: Measured, known: list[Surface], scale: Scale, factor: float, found: Patches) -> _Candidate:
+def _candidate(
+    mesh: TriangleMesh, near: Measured, known: list[Surface], scale: Scale, factor: float, found: Patches, asked: Patches | None = None
+) -> _Candidate:
     def evident(given: Patches) -> Patches:
         told = near.points, near.face, scale.tolerance_m
         return asked_for(mesh, without_roundings(mesh, given, factor * scale.reach_m, known, told), near.points, near.face, near.density)
 
-    patches = evident(found)
+    patches = evident(found) if asked is None else asked
     sharp, fillets = without_fillets(mesh, found, factor * scale.tolerance_m, near.points, near.face, scale.tolerance_m)
     if fillets:
         sharp, fillets = renumbered(evident(sharp), sharp, fillets)

@@ -18,6 +18,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from scipy.special import pdtrc
 
 from scan2fea.estimation.explain import TOLERANCE
+from scan2fea.estimation.outline import edge_lengths
 from scan2fea.estimation.straight import straight_faces
 from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.pinned import SEEN
@@ -51,7 +52,7 @@ def beside(points: FloatArray, member: Member) -> str:
     tree = cKDTree(strays[:, :2])
     place = int(np.argmax(tree.query_ball_point(strays[:, :2], reach, return_length=True)))
     own = tree.query_ball_point(strays[place, :2], reach)
-    outline = sum(float(np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1).sum()) for loop in shape.loops)
+    outline = float(edge_lengths(shape).sum())
     share = math.pi * reach**2 / float(np.prod(np.ptp(local[:, :2], axis=0)))
     is_dense = len(own) / (2 * reach) > _DENSITY * (len(local) - len(strays)) / outline  # points a metre of section
     if not (is_dense and _is_crowd(len(own), len(strays), share) and _runs_along(strays[own, 2], length)):

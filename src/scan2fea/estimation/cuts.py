@@ -21,6 +21,7 @@ from scipy import ndimage
 from scipy.special import gammainc
 
 from scan2fea.estimation.holes import VOID_CELLS, VOID_POINTS
+from scan2fea.estimation.outline import edge_lengths
 from scan2fea.kernel.sections import section
 from scan2fea.types import BoolArray, FloatArray, IntArray, Member, Section, Value
 
@@ -70,8 +71,7 @@ class _Strips(Value):
 def share_of_sides(places: Iterable[Cut], member: Member) -> float:
     """Of the area of the member's sides, that of the bare places."""
     shape = section(member.family, member.values())
-    outline = sum(float(np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1).sum()) for loop in shape.loops)
-    return sum(place.area_m2 for place in places) / (outline * member.values()["length"])
+    return sum(place.area_m2 for place in places) / float(edge_lengths(shape).sum() * member.values()["length"])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -93,8 +93,7 @@ def cuts(member: Member, side: FloatArray, edge: IntArray, along: FloatArray, z:
     sigma_m : noise.
     """
     shape, length = section(member.family, member.values()), member.values()["length"]
-    outline = sum(float(np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1).sum()) for loop in shape.loops)
-    cell = math.sqrt(_CELL_POINTS * outline * length / max(len(z), 1))
+    cell = math.sqrt(_CELL_POINTS * float(edge_lengths(shape).sum()) * length / max(len(z), 1))
     n_z = min(round(length / cell), 2000)
     if n_z < VOID_CELLS:
         return ()
@@ -117,7 +116,7 @@ def _strips(shape: Section, cell: float) -> _Strips:
     """Every edge parted into strips of about `cell`."""
     start = np.concatenate(shape.loops)
     way = np.concatenate([np.roll(loop, -1, axis=0) - loop for loop in shape.loops])
-    long = np.linalg.norm(way, axis=1)
+    long = edge_lengths(shape)
     n = np.maximum(np.round(long / cell), 1).astype(np.int64)
     edge = np.repeat(np.arange(len(n)), n)
     number = np.arange(len(edge)) - np.repeat(np.cumsum(n) - n, n)
@@ -193,7 +192,7 @@ def _found(shape: Section, strips: _Strips, counted: _Counted, blur_m: float) ->
 
 def _between(shape: Section, strips: _Strips, seen: BoolArray, blur_m: float) -> BoolArray:
     """(strips,) whether a strip lies between two of its edge that were seen, on both sides, clear of the walls and the noise at the corners."""
-    long = np.concatenate([np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1) for loop in shape.loops])
+    long = edge_lengths(shape)
     clear = float(strips.wall_m.min()) + blur_m
     sure = seen & (strips.low >= clear) & (strips.high <= long[strips.edge] - clear)
     between = np.zeros(len(seen), bool)

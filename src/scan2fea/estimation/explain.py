@@ -27,7 +27,7 @@ from scipy.special import chdtr, chdtrc
 from scan2fea.estimation.cuts import Cut, cuts
 from scan2fea.estimation.end_faces import n_not_flat
 from scan2fea.estimation.holes import Covers, occupied, uncovered
-from scan2fea.estimation.outline import outline_distance
+from scan2fea.estimation.outline import edge_lengths, outline_distance
 from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.noise import noise_sigma, sampled_rows
 from scan2fea.kernel.sections import section
@@ -249,7 +249,7 @@ class _Cells:
 
 def _stretches(shape: Section) -> tuple[FloatArray, IntArray]:
     """(edges,) stretches each edge is cut into, and the number of the first of each; the chords of a circle are taken together."""
-    lengths = np.concatenate([np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1) for loop in shape.loops])
+    lengths = edge_lengths(shape)
     step = lengths.sum() / _FACES_OFF
     count = np.maximum(np.round(lengths / step), 1)
     if len(lengths) > 2 * _FACES_OFF:  # a circle: neighbouring chords share a stretch
@@ -258,7 +258,7 @@ def _stretches(shape: Section) -> tuple[FloatArray, IntArray]:
 
 
 def _stretch_of(shape: Section, edge: IntArray, along: FloatArray) -> IntArray:
-    lengths = np.concatenate([np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1) for loop in shape.loops])
+    lengths = edge_lengths(shape)
     count, first = _stretches(shape)
     part = np.minimum((along / lengths[edge] * count[edge]).astype(np.int64), count[edge].astype(np.int64) - 1)
     return np.asarray(first[edge] + part)

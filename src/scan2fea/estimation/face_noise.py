@@ -13,7 +13,7 @@ import math
 import numpy as np
 from scipy.special import chdtrc
 
-from scan2fea.estimation.outline import outline_distance
+from scan2fea.estimation.outline import edge_lengths, outline_distance
 from scan2fea.estimation.ray_noise import bias_of
 from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.noise import sampled_rows
@@ -61,7 +61,7 @@ def noise_of_faces(family: str, values: FloatArray, u: FloatArray, sigma_m: floa
     """
     shape = section(family, dict(zip(PARAMETERS[family], values.tolist(), strict=True)))
     start = np.concatenate(shape.loops)
-    length = np.concatenate([np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1) for loop in shape.loops])
+    length = edge_lengths(shape)
     off, face, along = outline_distance(shape, u)
     clear = (off > 0) & (off < _REACH * sigma_m) & (along > _APART * sigma_m) & (along < length[face] - _APART * sigma_m)
     noise, level, weight = np.full(len(start), sigma_m), [], []

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import ndimage
 from scipy.spatial import ConvexHull, QhullError
 
-from scan2fea.estimation.outline import outline_distance
+from scan2fea.estimation.outline import edge_lengths, outline_distance
 from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.noise import spacing
 from scan2fea.kernel.sections import section
@@ -48,7 +48,7 @@ def occupied(
     sigma_m : noise. What lies within four of it from a corner may be of the face beyond, and encloses nothing: a hidden face is no hole.
     """
     alone = {loop[0] for loop in shape.face_names if len(set(loop)) == 1}  # round: it has no corner
-    outline = sum(float(np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1).sum()) for loop in shape.loops)
+    outline = float(edge_lengths(shape).sum())
     seen: dict[str, float] = {}
     holes: list[Hole] = []
     for name, rows, s, width in on_faces(shape, edge, along):
@@ -61,7 +61,7 @@ def occupied(
 def on_faces(shape: Section, edge: IntArray, along: FloatArray) -> Iterator[tuple[str, IntArray, FloatArray, float]]:
     """Of each face its name, the rows of the places (edge, along) that lie on it, how far along it each is, and its width, m."""
     names = [name for loop in shape.face_names for name in loop]
-    lengths = np.concatenate([np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1) for loop in shape.loops])
+    lengths = edge_lengths(shape)
     before = np.r_[0.0, np.cumsum(lengths)[:-1]]
     for name in dict.fromkeys(names):
         own = [i for i, other in enumerate(names) if other == name]

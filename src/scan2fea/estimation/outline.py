@@ -11,6 +11,11 @@ from scan2fea.kernel.sections import ROUND, drawn
 from scan2fea.types import FloatArray, IntArray, Section
 
 
+def edge_lengths(shape: Section) -> FloatArray:
+    """(edges,) length of each edge of a section over all loops, m."""
+    return np.concatenate([np.linalg.norm(np.roll(loop, -1, axis=0) - loop, axis=1) for loop in shape.loops])
+
+
 def outline_distance(shape: Section, xy: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
     """Signed distance (n,) of points (n, 2) to the outline, negative inside; the nearest edge (n,) over all loops, and how far along it (n,) m."""
     start = np.ascontiguousarray(np.concatenate(shape.loops), float)

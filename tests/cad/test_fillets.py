@@ -8,7 +8,7 @@ import pytest
 
 from drawn import drawing, triangles
 from scan2fea.cad import true_solid
-from scan2fea.cad.fillets import rolled
+from scan2fea.cad.fillets import Fillet, fitted_fillets, rolled
 from scan2fea.cad.readback import read_back
 from scan2fea.kernel.surfaces import CYLINDER, PLANE, TORUS, Surface
 from scan2fea.types import TriangleMesh
@@ -50,6 +50,13 @@ def test_faces_without_an_edge_between_them_have_no_fillet():
     assert rolled(POST, POST, 0.1, 1, NEAR) is None
     assert rolled(WALL, POST, 0.1, 1, NEAR) is None
     assert rolled(POST, FLOOR, 0.3, 1, NEAR) is None  # wider than the post
+
+
+def test_where_no_ball_rolls_between_the_faces_as_fitted_the_radius_stays():
+    points = np.random.default_rng(1).uniform(0, 1, (400, 3)) * [1, 1, 0.01]
+    given = [Fillet(first=0, second=0, radius_m=r, std_m=1e-4, sense=1, faces=np.array([k]), reach_m=r) for k, r in enumerate((0.02, 0.05))]
+    found = fitted_fillets(given, [FLOOR], points, np.arange(400) % 2, 0.001)
+    assert [f.radius_m for f in found] == [0.02, 0.05]
 
 
 @functools.cache

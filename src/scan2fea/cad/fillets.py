@@ -80,7 +80,7 @@ def rolled(first: Surface, second: Surface, radius: float, sense: int, near: Flo
 
 
 def _best_radius(first: Surface, second: Surface, start: float, sense: int, points: FloatArray, clip: float) -> tuple[float, float, float]:
-    """(radius, its standard deviation, `FITS` percentile of the distances) of the ball that leaves the points; infinite where there is none."""
+    """(radius, its standard deviation, `FITS` percentile of the distances) of the ball that leaves the points; infinite where none rolls there."""
     from scipy.optimize import minimize_scalar
 
     def off(log_radius: float) -> FloatArray:
@@ -98,7 +98,8 @@ def _best_radius(first: Surface, second: Surface, start: float, sense: int, poin
     left = off(best)
     slope = (off(best + 1e-4) - off(best - 1e-4)) / 2e-4
     sigma = float(np.sqrt(np.mean(np.minimum(left**2, clip**2))))
-    std = float(np.exp(best)) * sigma / max(float(np.linalg.norm(slope)), 1e-300)
+    rise = float(np.linalg.norm(slope))
+    std = float(np.exp(best)) * sigma / rise if rise > 0 else np.inf
     return float(np.exp(best)), std, float(np.percentile(np.abs(left), FITS))
 
 
@@ -227,6 +228,7 @@ def _corners(
 
 def fitted_fillets(fillets: Sequence[Fillet], surfaces: Sequence[Surface], points: FloatArray, face: IntArray, clip_m: float) -> tuple[Fillet, ...]:
     """The radii from the measured points, between the faces as they are now; radii that differ by less than `ALIKE` standard deviations are made one.
+    Where no ball rolls between these the radius stays as it was found.
 
     face : (n,) face of the mesh next to each point.   clip_m : a point farther off speaks no louder than one that far.
     """
@@ -235,9 +237,9 @@ def fitted_fillets(fillets: Sequence[Fillet], surfaces: Sequence[Surface], point
         own = points[np.isin(face, fillet.faces)]
         if len(own) >= LEAST_POINTS:
             radius, std, _ = _best_radius(surfaces[fillet.first], surfaces[fillet.second], fillet.radius_m, fillet.sense, own, clip_m)
-            fillet = replace(fillet, radius_m=radius, std_m=std)
+            fillet = replace(fillet, radius_m=radius, std_m=std) if np.isfinite(std) else fillet
         out.append(fillet)
-    left = sorted(range(len(out)), key=lambda k: (out[k].std_m, k))
+    left = sorted((k for k, f in enumerate(out) if np.isfinite(f.std_m)), key=lambda k: (out[k].std_m, k))
     while left:
         group = [left.pop(0)]
         for k in list(left):

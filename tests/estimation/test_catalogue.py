@@ -11,6 +11,7 @@ from scan2fea.estimation.catalogue import ESTIMATE, OTHER, posterior, prior_thic
 from scan2fea.estimation.catalogued import catalogued
 from scan2fea.estimation.table import Table, parse_table, read_table, shipped_table, shipped_text
 from scan2fea.kernel.outline import outline, outline_area
+from scan2fea.kernel.section_likelihood import faces
 from scan2fea.types import Parameter
 
 TABLE = shipped_table()
@@ -251,3 +252,15 @@ def test_walls_of_the_table_that_leave_no_section_are_not_built():
     flat = Table(shapes=tuple(replace(s, parameters={**s.parameters, "tf": 0.6 * s.parameters["h"]}) for s in TABLE.of("C")[:3]), source="flat")
     with pytest.raises(EstimationError, match="no size of the table goes with what was seen of the C member"):
         catalogued(hidden, flat)
+
+
+def test_no_size_stands_in_that_ends_short_of_what_was_seen():
+    """An I of which the depth alone is told, its flanges seen to 210 mm without a toe: most beams of that depth are narrower."""
+    member = made("I", 2.0, {"h": 0.2, "b": 0.21, "tw": 0.006, "tf": 0.01})
+    told = tuple(replace(p, observable=p.name in ("h", "length"), std_m=1e-5 if p.name in ("h", "length") else None) for p in member.parameters)
+    seen = {name: float("TOE" not in name) for name in faces("I")}
+    hidden = replace(member, parameters=told, covariance=np.diag([1e-10, 0, 0, 0, 1e-10]), seen=seen, sigma_m=1e-4)
+    free = catalogued(replace(hidden, seen=dict.fromkeys(seen, 0.0)), TABLE).values()
+    built = catalogued(hidden, TABLE).values()
+    assert free["b"] < 0.2 < 0.209 < built["b"]
+    assert catalogued(replace(hidden, parameters=tuple(replace(p, value_m=0.9) if p.name == "b" else p for p in told)), TABLE).values()["b"] > 0.89

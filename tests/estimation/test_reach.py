@@ -12,7 +12,7 @@ from scan2fea.estimation.as_member import with_length_std
 from scan2fea.estimation.ends import run_end
 from scan2fea.estimation.from_outside import seen_from_outside
 from scan2fea.estimation.member import MemberOptions, fit_member
-from scan2fea.estimation.reach import end_rows, reach
+from scan2fea.estimation.reach import end_rows, reach, solved
 from scan2fea.kernel.section_likelihood import faces
 from scan2fea.kernel.transforms import rigid, rotation_about
 from scan2fea.simulation.member import MemberScanOptions, member_points
@@ -284,3 +284,12 @@ def test_toes_of_an_i_seen_from_one_side_are_no_channels_web(web, is_told) -> No
     points = member_points("C", member.values(), 20_000, MemberScanOptions(noise_m=2e-4, faces=seen, seed=4)) @ ASKEW.T
     found = reach(points, replace(member, seen={name: float(name in seen) for name in faces("C")}))
     assert (found is not None) == is_told
+
+
+def test_ends_that_make_no_section_are_none() -> None:
+    """Stops of faces that would leave a channel's web no thickness, or its flanges more than the room, are of something else."""
+    member, _, _ = scanned("C", 2e-4)
+    seen = {name for name, share in member.seen.items() if share}
+    wall = member.values()["tw"]
+    assert solved(member, seen, {"WEB_OUTER": (-0.5 * wall, 1e-3)}, 20_000) is not None
+    assert solved(member, seen, {"WEB_OUTER": (-1.5 * wall, 1e-3)}, 20_000) is None

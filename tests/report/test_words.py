@@ -157,6 +157,10 @@ def test_worst_check():
     assert worst_check([]) is None
     assert worst_check([near, dict(near, name="same")]) == near  # the first of equals
     assert used_share(check("text", "a", "b", "", True)) is None
+    sure, share = check("member.family", 1.0, 0.95, "probability", True), check("shape.measured", 0.96, 0.95, "share", True)
+    assert worst_check([sure, check("low", 1.0, 5.0, "", True)])["name"] == "low"  # nothing of it is used up
+    assert worst_check([sure, near, share]) == near and used_share(share) == pytest.approx(0.8)
+    assert quantity(1.0, "probability") == "100 %"
     assert failed_first([near, failed, equal]) == [failed, near, equal]
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -103,7 +103,12 @@ def posterior(
 
 
 def prior_thickness(
-    family: str, values: Mapping[str, float], covariance: FloatArray, observable: Mapping[str, bool], table: Table | None = None
+    family: str,
+    values: Mapping[str, float],
+    covariance: FloatArray,
+    observable: Mapping[str, bool],
+    table: Table | None = None,
+    least: Mapping[str, float] | None = None,
 ) -> PriorThickness:
     """What to build with where dimensions are not observable.
 
@@ -111,12 +116,17 @@ def prior_thickness(
     nearest to it in its standard deviations, or the estimate itself where "no size" is likelier than all of them. Where nothing is known of a
     dimension, the middle one of the sizes that fit the observed dimensions; where no size fits, the nearest one is scaled. Observed dimensions move
     with the assumed ones as their covariance says.
+    least : what dimensions that are not observable reach at least, metres: sizes that end short of it are none.
     Raises UsageError where nothing is observable and where the table has no size of the family.
     """
     asked = _question(family, values, covariance, observable, table)
     require(asked.shapes, UsageError, f"the table has no section of family {family}: give the thickness (--member) or another table (--catalogue)")
     require(asked.known, UsageError, f"no dimension of the {family} was observed: give the section (--member)")
     hidden = [k for k in range(len(asked.names)) if k not in asked.known]
+    floor = np.array([(least or {}).get(name, 0.0) for name in asked.names])
+    reaches = np.flatnonzero(np.any(np.all(asked.sizes >= floor, axis=2), axis=1))
+    if len(reaches):
+        asked = replace(asked, shapes=tuple(asked.shapes[row] for row in reaches), sizes=asked.sizes[reaches])
     by_order = _log_sizes(asked)
     if math.log(PRIOR_SIZE / len(asked.shapes)) + by_order.max() > math.log(PRIOR_OTHER) + _log_free(asked, asked.known):
         weight = np.exp(by_order - by_order.max()).ravel()
@@ -132,6 +142,7 @@ def prior_thickness(
     estimated: frozenset[str] = frozenset()
     if guessed:
         name, assumed, width, estimated = _nearest(asked, hidden, guessed, name, assumed, width)
+    assumed = np.maximum(assumed, floor[hidden])
     return _conditioned(asked, hidden, assumed, np.maximum(width, WALL_SHARE * assumed), name, estimated)
 
 

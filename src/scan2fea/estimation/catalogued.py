@@ -14,10 +14,12 @@ from scan2fea.estimation.anneal import walls
 from scan2fea.estimation.catalogue import OTHER, PriorThickness, posterior, prior_thickness, standard_odds
 from scan2fea.estimation.table import Table, shipped_table
 from scan2fea.kernel.pinned import SEEN, pinned
+from scan2fea.kernel.section_likelihood import face_lengths, faces
 from scan2fea.kernel.sections import PARAMETERS, check_section
 from scan2fea.types import CatalogueEntry, Member, Parameter
 
 CATALOGUE, ESTIMATED = "catalogue", "estimate"
+_WITHIN = 3.0  # standard deviations of the noise, by which the points may reach beyond an edge
 OFFSET = 1.0  # of the noise: what sensors state as their accuracy is one to three times their scatter, and no number of points cures it
 LAW_KURTOSIS = 0.6 / math.sqrt(12)  # standard deviation of what the likeliest law is off by: box, rounded box and Gauss lie 0.5 to 0.7 apart
 
@@ -42,7 +44,7 @@ def catalogued(member: Member, table: Table | None = None) -> Member:
     for i, k in enumerate(rows):
         if not known[member.parameters[k].name]:
             with_guess[i, i] = (member.parameters[k].spread_m or 0.0) ** 2
-    prior = prior_thickness(member.family, values, with_guess, known, sizes)
+    prior = prior_thickness(member.family, values, with_guess, known, sizes, _reaches(member, values, known))
     built = _built_with(member, prior, known)
     built = replace(built, parameters=tuple(map(partial(_under_any_law, member), built.parameters, member.parameters)))
     try:
@@ -51,6 +53,15 @@ def catalogued(member: Member, table: Table | None = None) -> Member:
         says = f"no size of the table goes with what was seen of the {member.family} member ({prior.name} would be: {error})"
         raise EstimationError(says) from error
     return replace(built, catalogue=_with_prior(entries, prior))
+
+
+def _reaches(member: Member, values: Mapping[str, float], known: Mapping[str, bool]) -> dict[str, float]:
+    """Hidden outer dimension -> how far the points reach along it at least, m, where a face that spans it was seen."""
+    names = PARAMETERS[member.family]
+    seen = np.array([member.seen.get(name, 0.0) >= SEEN for name in faces(member.family)])
+    outer = [name for name in names if name not in walls(member.family) and not known[name]]
+    spanned = [name for name in outer if (seen & (face_lengths(member.family, np.eye(len(names))[names.index(name)]) > 0)).any()]
+    return {name: values[name] - _WITHIN * member.sigma_m for name in spanned}
 
 
 def with_standard_odds(member: Member, alternatives: Mapping[str, Mapping[str, float]], table: Table | None = None) -> Member:

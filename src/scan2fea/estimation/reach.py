@@ -31,7 +31,7 @@ from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.estimation.table import shipped_table
 from scan2fea.kernel.pinned import SEEN, pinned
 from scan2fea.kernel.section_likelihood import face_lengths, faces
-from scan2fea.kernel.sections import PARAMETERS, ROUND
+from scan2fea.kernel.sections import PARAMETERS, ROUND, makes_section
 from scan2fea.types import FloatArray, Member, Value
 
 _AGREE = 3.0  # standard deviations
@@ -254,7 +254,8 @@ def solved(member: Member, seen: set[str], ends: Mapping[str, tuple[float, float
     """Dimensions and place of the section of which the seen faces stay where they are and hidden ones lie where they are told to.
 
     ends : hidden face -> how far outward of where the fit has it, and the standard deviation of that.   n_points : of the sides.
-    Weighted least squares; a seen face is known as well as the mean of its points. None where the told faces contradict what is known.
+    Weighted least squares; a seen face is known as well as the mean of its points. None where the told faces contradict what is known or each other:
+    what makes no section (a wall of no thickness, or of more than there is room for) was no pair of faces.
     """
     names = PARAMETERS[member.family]
     values = np.array([member.values()[name] for name in names])
@@ -278,6 +279,9 @@ def solved(member: Member, seen: set[str], ends: Mapping[str, tuple[float, float
     left = len(aim) - int(np.linalg.matrix_rank(weighted))
     if left > 0 and chdtrc(left, float(((aim - weighted @ step) ** 2).sum())) < _UNEVEN:
         return None
+    found = dict(zip(names, (values + step[: len(names)]).tolist(), strict=True))
+    if not makes_section(member.family, found):
+        return None
     covariance = np.linalg.pinv(weighted.T @ weighted)[: len(names), : len(names)]
     told = pinned(member.family, seen | set(ends)) - pinned(member.family, seen)
-    return Reach(faces=tuple(ends), values=values + step[: len(names)], covariance=covariance, shift_m=step[len(names) :], told=told)
+    return Reach(faces=tuple(ends), values=np.array(list(found.values())), covariance=covariance, shift_m=step[len(names) :], told=told)

@@ -148,6 +148,12 @@ def check_section(family: str, values: Mapping[str, float]) -> None:
         )
 
 
+def makes_section(family: str, values: Mapping[str, float]) -> bool:
+    """Whether `check_section` lets the dimensions pass."""
+    positive = all(math.isfinite(values[name]) and values[name] > 0 for name in PARAMETERS[family])
+    return positive and all(values[wall] < share * values[whole] for wall, whole, share in _WALLS.get(family, ()))
+
+
 _WALLS: Mapping[str, tuple[tuple[str, str, float], ...]] = {
     "L": (("t", "a", 1.0), ("t", "b", 1.0)),
     "I": (("tw", "b", 1.0), ("tf", "h", 0.5)),

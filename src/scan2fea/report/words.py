@@ -60,6 +60,9 @@ def count(value: int | None) -> str:
     return NOT_KNOWN if value is None else f"{value:,}".replace(",", THIN_SPACE)
 
 
+_OF_ONE = ("share", "probability")  # units of what is 1 at most
+
+
 def quantity(value: object, unit: str = "") -> str:
     """A value of the record as the page shows it, with the page's unit."""
     if isinstance(value, bool):
@@ -68,7 +71,7 @@ def quantity(value: object, unit: str = "") -> str:
         return NOT_KNOWN
     if not isinstance(value, int | float):
         return str(value)
-    if unit == "share":
+    if unit in _OF_ONE:
         return percent(float(value))
     factor, shown = PAGE_UNITS.get(unit, (1.0, unit))
     text = count(value) if isinstance(value, int) and factor == 1.0 else number(value * factor)
@@ -237,10 +240,15 @@ def worst_check(checks: Iterable[Mapping[str, Any]]) -> Mapping[str, Any] | None
 
 
 def used_share(check: Mapping[str, Any]) -> float | None:
-    """How much of its limit a passed check uses up, 0..1: value / limit, or limit / value where the limit is a lower one."""
+    """How much of its limit a passed check uses up, 0..1: value / limit, or limit / value where the limit is a lower one.
+
+    What cannot exceed 1 is the farther from its lower limit the nearer it comes to 1: of it what is missing is compared.
+    """
     value, limit = check.get("value"), check.get("limit")
     if not (is_number(value) and is_number(limit)) or value == limit or not limit or not value:
         return None
+    if check.get("unit") in _OF_ONE and limit < value <= 1:
+        return (1 - float(value)) / (1 - float(limit))
     share = abs(float(value) / float(limit))
     return share if share <= 1 else 1 / share
 

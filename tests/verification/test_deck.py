@@ -2,10 +2,11 @@ import pytest
 
 from fea.bars import bar
 from scan2fea.cli.main import main
+from scan2fea.errors import FormatError
 from scan2fea.fea import build_model, write_inp
 from scan2fea.pipeline.check_file import inspect_file
 from scan2fea.verification.cards import cards_of
-from scan2fea.verification.deck import missing_sets
+from scan2fea.verification.deck import _misspelt, missing_sets
 
 DECK = write_inp(build_model(bar((0.1, 0.1, 0.4), (1, 1, 3))))
 
@@ -29,11 +30,30 @@ def test_our_deck_passes(tmp_path):
         ("*DENSITY", "*CONDUCTIVITY", "deck.materials", "MATERIAL has no density"),
         ("*ELASTIC", "*PLASTIC", "deck.materials", "MATERIAL is not elastic"),
         ("*STEP", "*STOP", "deck.steps", "0 steps"),
+        ("*STEP", "*STOP", "deck.cards", "*STOP: is *STEP meant?"),
+        ("*BOUNDARY", "*BUONDARY", "deck.cards", "*BUONDARY: is *BOUNDARY meant?"),
+        ("*END STEP", "", "deck.cards", "0 *END STEP"),
+        ("*SOLID SECTION, ELSET=BODY", "*ELSET, ELSET=ONE\n1\n*SOLID SECTION, ELSET=ONE", "deck.materials", "the first is 2"),
+        ("*ELASTIC\n", "*ELASTIC\n-", "deck.materials", "MATERIAL has a Young's modulus of -"),
+        ("*DENSITY\n", "*DENSITY\nheavy", "deck.materials", "MATERIAL has a density of heavy"),
         ("*BOUNDARY", "** nothing", "deck.unsupported", "nothing holds it"),
     ],
 )
 def test_what_is_missing_is_named(old, new, name, says, tmp_path):
     assert says in failed(DECK.replace(old, new), tmp_path)[name]
+
+
+def test_what_one_letter_makes_of_a_card():
+    def told(word):
+        return _misspelt(cards_of(f"*{word}\n"))
+
+    assert all(told(word) for word in ("CLAOD", "BUONDARY", "NOD", "STEPP", "DENSITE", "ENDSTEP"))
+    assert not any(told(word) for word in ("CLOAD", "DLOAD", "PLASTIC", "NODE FILE", "EL FILE", "TIE", "SHELL GENERAL SECTION", "HEADING"))
+
+
+def test_an_element_that_is_numbered_twice(tmp_path):
+    with pytest.raises(FormatError, match="numbers element 1 twice"):
+        failed(DECK.replace("*NSET", "*ELEMENT, TYPE=C3D10\n1,1,2,3,4,5,6,7,8,9,10\n*NSET", 1), tmp_path)
 
 
 def test_cards_go_on_over_lines_and_forget_comments():

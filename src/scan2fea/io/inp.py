@@ -65,6 +65,8 @@ def read_inp(path: Path, size: int) -> Blocks:
     order = np.argsort(placed[:, 0], kind="stable")
     numbers = placed[order, 0].astype(np.int64)
     require(not bool((np.diff(numbers) == 0).any()), FormatError, f"{path} numbers nodes twice: a deck of several parts is not read")
+    own, count = np.unique(np.concatenate(cell_numbers), return_counts=True)
+    require(int(count.max(initial=1)) == 1, FormatError, f"{path} numbers element {own[count.argmax()]} twice: a deck of several parts is not read")
     blocks = tuple((shape, _found(numbers, block), np.zeros(len(block), np.int64)) for shape, block in cells)
     return Blocks(path=path, nodes=placed[order, 1:], cells=blocks, names={}, node_numbers=numbers, cell_numbers=tuple(cell_numbers))
 

@@ -1,4 +1,4 @@
-"""Would a deck run? Cards that name what is not there: sets, materials, steps. For decks of any tool, as `cards`."""
+"""Would a deck run? Cards that name what is not there: sets, materials, steps; cards whose names are misspelt. For decks of any tool, as `cards`."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from scan2fea.types import Check
 from scan2fea.verification.cards import Card
-from scan2fea.verification.deck_sets import DeckMesh
-from scan2fea.verification.deck_supports import Supports, supports_of
+from scan2fea.verification.deck_sets import DeckMesh, sets_of
+from scan2fea.verification.deck_supports import SOLID, TURNING, Supports, supports_of
 from scan2fea.verification.limits import at_least, holds
 
 _DEFINES = {
@@ -18,14 +20,24 @@ _DEFINES = {
     "SURFACE": "NAME",
 }
 _NAME = r"[A-Za-z_][\w.\-]*"
+_SECTIONED = (*SOLID, *TURNING)
+# Cards without which a deck is solved otherwise than it was meant; and what other programs call cards that one letter would make of these.
+_SPELT = (
+    "NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "MATERIAL", "ELASTIC", "DENSITY", "SOLID SECTION", "SHELL SECTION", "BEAM SECTION", "STEP",
+    "STATIC", "FREQUENCY", "BUCKLE", "BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "EQUATION", "COUPLING", "KINEMATIC", "RIGID BODY", "END STEP",
+)  # fmt: skip
+_OTHERS = ("PLASTIC",)
 
 
 def deck_checks(cards: Sequence[Card], mesh: DeckMesh) -> tuple[Check, ...]:
     """Steps, materials with what the steps need of them, sets that exist, supports that hold every part in each step that needs it."""
     missing = missing_sets(cards)
-    weak = _materials_without(cards)
+    weak = [*_materials_without(cards), *_bad_numbers(cards), *_without_section(cards, mesh)]
+    wrong = _misspelt(cards)
+    n_steps, n_ends = (sum(card.word == word for card in cards) for word in ("STEP", "END STEP"))
     return (
-        at_least("deck.steps", sum(card.word == "STEP" for card in cards)),
+        at_least("deck.steps", n_steps),
+        holds("deck.cards", not wrong and n_steps == n_ends, "; ".join(wrong) or f"{n_steps} *STEP, {n_ends} *END STEP"),
         holds("deck.materials", not weak, "; ".join(weak) or "all defined"),
         holds("deck.sets", not missing, ", ".join(missing[:8]) or "all defined"),
         _held(supports_of(cards, mesh)),
@@ -92,3 +104,60 @@ def _materials_without(cards: Sequence[Card]) -> list[str]:
     if not any(card.word.endswith("SECTION") for card in cards):
         out.append("no section")
     return list(dict.fromkeys(out))
+
+
+def _bad_numbers(cards: Sequence[Card]) -> list[str]:
+    """Stiffness and density of isotropic materials that no solver takes, in words."""
+    out = []
+    current = ""
+    for card in cards:
+        if card.word == "MATERIAL":
+            current = card.options.get("NAME", "")
+        elif card.word == "DENSITY" and card.data:
+            if not _number(card.data[0][0]) > 0:
+                out.append(f"{current} has a density of {card.data[0][0] or 'nothing'}")
+        elif card.word == "ELASTIC" and card.data and card.options.get("TYPE", "ISOTROPIC").startswith("ISO"):
+            youngs, poisson = (*card.data[0], "", "")[:2]
+            if not _number(youngs) > 0:
+                out.append(f"{current} has a Young's modulus of {youngs or 'nothing'}")
+            if not -1 < _number(poisson or "0") < 0.5:
+                out.append(f"{current} has a Poisson's ratio of {poisson}")
+    return out
+
+
+def _number(word: str) -> float:
+    """nan where it is none."""
+    try:
+        return float(re.sub(r"(?i)d", "e", word))  # 2.1D11
+    except ValueError:
+        return float("nan")
+
+
+def _without_section(cards: Sequence[Card], mesh: DeckMesh) -> list[str]:
+    """Elements that no card *... SECTION names: without a material a solver stops. Not of decks whose sections name no set (Nastran)."""
+    kinds = [card.options.get("TYPE", "") for card in cards if card.word == "ELEMENT"]
+    named = [card.options["ELSET"] for card in cards if card.word.endswith("SECTION") and "ELSET" in card.options]
+    from_elsewhere = any(card.word == "ELSET" and "INPUT" in card.options for card in cards)
+    if not named or from_elsewhere or len(kinds) != len(mesh.cells):
+        return []
+    rigid = [card.options["ELSET"] for card in cards if card.word == "RIGID BODY" and "ELSET" in card.options]
+    elements = sets_of(cards, mesh).elements
+    served = np.concatenate([elements[name] for name in (*named, *rigid) if name in elements] or [np.zeros(0, np.int64)])
+    pairs = zip(kinds, mesh.cells, mesh.cell_numbers, strict=True)
+    asked = np.concatenate([numbers for kind, (shape, _), numbers in pairs if shape in _SECTIONED and kind != "R3D3"] or [np.zeros(0, np.int64)])
+    bare = np.setdiff1d(asked, served)
+    return [f"{len(bare)} elements have no section, the first is {bare[0]}"] if len(bare) and len(served) else []
+
+
+def _misspelt(cards: Sequence[Card]) -> list[str]:
+    """Cards that are one letter from one that matters, or have two of its letters exchanged: solvers pass over them with a warning at most."""
+    words = dict.fromkeys(card.word for card in cards if card.word not in _SPELT and card.word not in _OTHERS)
+    return [f"*{word}: is *{meant} meant?" for word in words for meant in [next((name for name in _SPELT if _is_near(word, name)), "")] if meant]
+
+
+def _is_near(word: str, name: str) -> bool:
+    if abs(len(word) - len(name)) > 1 or len(name) < 4:
+        return False
+    at = next((k for k, (a, b) in enumerate(zip(word, name, strict=False)) if a != b), min(len(word), len(name)))
+    a, b = word[at:], name[at:]
+    return a[1:] == b[1:] or a[1:] == b or a == b[1:] or (a[:2] == b[1::-1] and a[2:] == b[2:])

@@ -163,8 +163,9 @@ def build_model(tets: TetMesh, options: FeaOptions = FeaOptions(), number: int |
     try:
         supports = supports_of(asked or (), number, tuple(surfaces)) or supports
     except SolveError as error:
-        cases, failed = (), {**dict.fromkeys((line.case for line in wanted if line.number in (None, number)), str(error)), **failed}
-        failed = failed or {"supports": str(error)}
+        said = f"{error}; {LOWEST} is held instead"
+        cases, failed = (), {**dict.fromkeys((line.case for line in wanted if line.number in (None, number)), said), **failed}
+        failed = failed or {"supports": said}
     return FEModel(
         mesh=tets,
         material=chosen_material(options),

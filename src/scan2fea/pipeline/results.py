@@ -217,6 +217,8 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
         row["reason"] += f"; {holes['solid']} holes go through, the surface had {holes['surface']}: where they differ no point was measured"
     if found.name == "converted" and made.tets is not None:
         row["reason"] += _budget(made.tets, made.how)
+    if found.name == "converted" and made.result is not None:
+        row["reason"] += _not_solved(made.result.failed)
     return dict(finite_tree({key: value for key, value in row.items() if value is not None}))
 
 
@@ -226,6 +228,14 @@ def _apart(made: Made) -> str:
     said = f"; points of different scans may lie {doubt:.2g} m off each other (one standard deviation of their poses)" if doubt > made.sigma_m else ""
     seen = "scans lie {:.2g} mm off each other where several saw the same (one standard deviation)"
     return said + ("; " + seen.format(measured * 1e3) if measured else "")
+
+
+def _not_solved(failed: Mapping[str, str]) -> str:
+    """Cases without a result, for the verdict's line: each reason once."""
+    whose: dict[str, list[str]] = {}
+    for name, why in failed.items():
+        whose.setdefault(why.removeprefix(f"case {name}: "), []).append(name)
+    return "".join(f"; not solved: {', '.join(names)} ({why})" for why, names in whose.items())
 
 
 # plates with a hole, 12 and 24 edges round it, against the closed form: benchmarks/holes.py, docs/fea.md

@@ -31,7 +31,9 @@ class FeaOptions:
     n_modes: int = option(4, "elastic modes of the free body, beyond its six rigid-body modes", minimum=1, maximum=40)
     support_band: float = option(0.02, "part of the height above the lowest point that counts as lowest", minimum=1e-6, maximum=0.5)
     solver: str = option(
-        "auto", "direct: Cholesky factors; amg: multigrid; auto: direct where its factors fit max_factor_mb", choices=("auto", "direct", "amg")
+        "auto",
+        "direct: Cholesky factors; amg: multigrid; auto: direct where its factors fit max_factor_mb; calculix: auto, and CalculiX beside it",
+        choices=("auto", "direct", "amg", "calculix"),
     )
     max_dof: int = option(400_000, "degrees of freedom above which the solver refuses", minimum=12)
     max_factor_mb: float = option(1400.0, "largest memory of the direct solver", unit="MiB", minimum=1.0)

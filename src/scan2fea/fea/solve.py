@@ -8,6 +8,7 @@ import numpy as np
 
 from scan2fea.errors import SolveError, require
 from scan2fea.fea.assemble import System, assemble
+from scan2fea.fea.calculix import second_opinion
 from scan2fea.fea.dissection import Tree, dissect_before, without
 from scan2fea.fea.elements import surface_volume
 from scan2fea.fea.lanczos import free_modes
@@ -105,7 +106,7 @@ def solve(model: FEModel, options: FeaOptions = FeaOptions(), member: Member | N
     half the work of the load; stress_p99_pa, the von Mises stress that 99 % of the volume stays below; stress_peak_pa outside the elements at
     singular places, stress_peak_jump its difference to the mean at the nodes; residual), each case of the user alike, `modal` (f7_hz ...;
     rigid_max_hz against 0, relative to f7; residual), `mass` (mass_kg against rho times that volume), and see `member_cases`. `discretisation` and
-    `f7_discretisation`: by how much a cubic solution on the same mesh would change the energy and f7 (`p_error`).
+    `f7_discretisation`: by how much a cubic solution on the same mesh would change the energy and f7 (`p_error`). Also see `calculix`.
 
     Raises SolveError: too many degrees of freedom, inside-out elements, a part that nothing holds, no convergence of the self weight or the modes.
     """
@@ -123,6 +124,11 @@ def solve(model: FEModel, options: FeaOptions = FeaOptions(), member: Member | N
     modal, frequencies, shapes, modal_solver = _modal(model, system, shared, options)
     mass = figure("mass", "mass_kg", "kg", float(system.mass.sum()), material.density_kg_m3 * surface_volume(mesh.nodes, mesh.boundary))
     cases = [*rows, *modal, *_discretisation(model, fields[0].displacement_m, shapes[0], float(frequencies[N_RIGID]), held), mass]
+    if options.solver == "calculix":
+        try:
+            cases += second_opinion(model, fields)
+        except SolveError as error:
+            failed["calculix"] = str(error)
     if member is not None:
         try:
             cases, more = member_cases(model, system, shared, member, root_radius_m, cases, options, shapes)

@@ -51,6 +51,10 @@ def test_what_one_letter_makes_of_a_card():
     assert not any(told(word) for word in ("CLOAD", "DLOAD", "PLASTIC", "NODE FILE", "EL FILE", "TIE", "SHELL GENERAL SECTION", "HEADING"))
 
 
+def test_a_load_on_a_node_that_is_not_there(tmp_path):
+    assert "node 77777 (*CLOAD)" in failed(DECK.replace("*DLOAD", "*CLOAD\n77777, 3, -1.\n1, 3, -1.\n*DLOAD", 1), tmp_path)["deck.sets"]
+
+
 def test_an_element_that_is_numbered_twice(tmp_path):
     with pytest.raises(FormatError, match="numbers element 1 twice"):
         failed(DECK.replace("*NSET", "*ELEMENT, TYPE=C3D10\n1,1,2,3,4,5,6,7,8,9,10\n*NSET", 1), tmp_path)

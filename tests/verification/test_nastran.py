@@ -106,3 +106,23 @@ def test_reals_without_their_letter():
 def test_what_cannot_be_read_is_refused(text, says, tmp_path):
     with pytest.raises(FormatError, match=says):
         failed(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("2.1+11", "-2.1+11", "MAT_1 has a Young's modulus of -2.1e+11"),
+        (",.3,", ",.7,", "MAT_1 has a Poisson's ratio of .7"),
+        ("GRAV,2,,9.81,0.,0.,-1.", "FORCE,2,77,,9.,0.,0.,-1.", "node 77 (*CLOAD)"),
+    ],
+)
+def test_numbers_that_no_solver_takes_are_named(old, new, words, tmp_path):
+    deck = HEAD + TETS + "SPC1,1,123,1,2,3\n" + REST
+    for sound in (deck, deck.replace("GRAV,2,,9.81", "FORCE,2,5,,9."), deck.replace(",.3,", ",,")):
+        assert failed(tmp_path, sound) == {}
+    assert words in " ".join(failed(tmp_path, deck.replace(old, new)).values())
+
+
+def test_an_element_that_is_numbered_twice(tmp_path):
+    with pytest.raises(FormatError, match="numbers element 1 twice"):
+        failed(tmp_path, HEAD + TETS.replace("CTETRA,2,", "CTETRA,1,") + REST)

@@ -27,7 +27,8 @@ def found(tmp_path, text):
 def test_our_deck_of_shells_has_the_area_of_its_walls(units, tmp_path):
     told = found(tmp_path, write_shell_inp(member("C"), units=UNIT_SYSTEMS[units]))
     d = SHAPES["C"]
-    assert told.passed and [c.name for c in told.checks] == ["elements.shapeless", "deck.steps", "deck.materials", "deck.sets", "deck.unsupported"]
+    names = ["elements.shapeless", *(f"deck.{name}" for name in ("steps", "cards", "materials", "sets", "unsupported"))]
+    assert told.passed and [c.name for c in told.checks] == names
     assert told.figures["area_m2"] == pytest.approx(LENGTH * (d["h"] - d["tf"] + 2 * (d["b"] - d["tw"] / 2)), rel=1e-9)
     assert told.figures["pieces"] == 1 and "beams" not in told.figures
 

@@ -114,4 +114,6 @@ def _mesh(path: Path, bulk: tuple[tuple[str, ...], ...]) -> Blocks:
     place = {kind: np.minimum(np.searchsorted(numbers, own[:, 1:]), len(numbers) - 1) for kind, own in rows.items()}
     found = tuple((kind, np.where(numbers[place[kind]] == own[:, 1:], place[kind], -1), np.zeros(len(own), np.int64)) for kind, own in rows.items())
     own_numbers = tuple(own[:, 0] for own in rows.values())
+    once, count = np.unique(np.concatenate(own_numbers), return_counts=True)
+    require(int(count.max()) == 1, FormatError, f"{path} numbers element {once[count.argmax()]} twice")
     return Blocks(path=path, nodes=table[:, 1:], cells=found, names={}, node_numbers=numbers, cell_numbers=own_numbers)

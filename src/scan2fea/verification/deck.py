@@ -31,7 +31,7 @@ _OTHERS = ("PLASTIC",)
 
 def deck_checks(cards: Sequence[Card], mesh: DeckMesh) -> tuple[Check, ...]:
     """Steps, materials with what the steps need of them, sets that exist, supports that hold every part in each step that needs it."""
-    missing = missing_sets(cards)
+    missing = missing_sets(cards) + _missing_nodes(cards, mesh)
     weak = [*_materials_without(cards), *_bad_numbers(cards), *_without_section(cards, mesh)]
     wrong = _misspelt(cards)
     n_steps, n_ends = (sum(card.word == word for card in cards) for word in ("STEP", "END STEP"))
@@ -63,6 +63,13 @@ def missing_sets(cards: Sequence[Card]) -> list[str]:
             used += [row[0].upper() for row in card.data if row and re.fullmatch(_NAME, row[0])]
         found += [f"{name} (*{card.word})" for name in used if name not in known]
     return list(dict.fromkeys(found))
+
+
+def _missing_nodes(cards: Sequence[Card], mesh: DeckMesh) -> list[str]:
+    """`node NUMBER (CARD)` of loads on nodes that are not there."""
+    asked = list(dict.fromkeys(row[0] for card in cards if card.word == "CLOAD" for row in card.data if row and row[0].isdigit()))
+    numbers = np.array([int(word) for word in asked], np.int64)
+    return [f"node {number} (*CLOAD)" for number in numbers[~np.isin(numbers, mesh.numbers)].tolist()]
 
 
 def _defined(cards: Sequence[Card]) -> set[str]:

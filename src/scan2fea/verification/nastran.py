@@ -46,7 +46,7 @@ def _materials(bulk: Sequence[Fields]) -> list[Card]:
         if re.fullmatch(r"MAT\d+", fields[0]):
             has_density = fields[0] != "MAT1" or (len(fields) > 5 and fields[5] != "")
             cards.append(_card("MATERIAL", {"NAME": f"MAT_{fields[1]}"}))
-            cards += [_card("ELASTIC", {})] + ([_card("DENSITY", {})] if has_density else [])
+            cards += [_card("ELASTIC", {}, _elastic(fields))] + ([_card("DENSITY", {})] if has_density else [])
     known = {fields[1]: fields for fields in bulk if fields[0] in SECTIONS}
     for name, fields in known.items():
         material = "" if fields[0] == "PCOMP" else fields[2]
@@ -54,6 +54,13 @@ def _materials(bulk: Sequence[Fields]) -> list[Card]:
     elements = (fields for fields in bulk if fields[0] in ("CTETRA", "CBAR", "CBEAM") or fields[0].startswith(("CTRIA", "CQUAD")))
     asked = dict.fromkeys(fields[2] or fields[1] for fields in elements)
     return cards + [_card("SOLID SECTION", {"MATERIAL": f"OF PROPERTY {name}"}) for name in asked if name not in known]
+
+
+def _elastic(fields: Fields) -> list[Fields]:
+    """Young's modulus and Poisson's ratio of a MAT1, where both are given: one may follow from the shear modulus."""
+    found = (*fields, "", "", "")[2:5]
+    reals = [re.sub(r"(?<=[\d.])([+-]\d+)$", r"e\1", word) for word in (found[0], found[2])]  # 2.1+11
+    return [(reals[0], reals[1])] if fields[0] == "MAT1" and all(reals) else []
 
 
 def _averaged(words: Sequence[str]) -> list[str]:
@@ -118,7 +125,8 @@ def _loads(case: Mapping[str, str], bulk: Sequence[Fields]) -> list[Card]:
     sets = {case["LOAD"], *(word for fields in bulk if fields[0] == "LOAD" and fields[1] == case["LOAD"] for word in fields[4::2])}
     own = [fields for fields in bulk if fields[0] in LOADS and fields[1] in sets]
     heavy = [_card("DLOAD", {}, [("", "GRAV")]) for fields in own if fields[0] in ("GRAV", "ACCEL", "RFORCE")][:1]
-    return heavy if own else [_card("CLOAD", {}, [(f"LOAD_{case['LOAD']}",)])]
+    nodes = [(fields[2],) for fields in own if fields[0] in ("FORCE", "MOMENT") and len(fields) > 2]
+    return [*heavy, *([_card("CLOAD", {}, nodes)] if nodes else [])] if own else [_card("CLOAD", {}, [(f"LOAD_{case['LOAD']}",)])]
 
 
 def _equations(bulk: Sequence[Fields], used: set[str]) -> list[Card]:

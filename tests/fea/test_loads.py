@@ -176,3 +176,17 @@ def test_a_load_on_nothing():
     with pytest.raises(SolveError, match=f"load on {TOP} acts on nothing"):
         surface_forces(empty, LoadCase(name="load", loads=model.cases[0].loads))
     assert len(block(write_inp(model), "*CLOAD")) > 3
+
+
+def test_a_case_on_a_set_without_faces_fails_alone_and_is_in_no_deck():
+    model = build_model(MESH, FeaOptions(loads=("bad: ALL pressure 5", f"good: {TOP} force 1 0 0")))
+    assert [case.name for case in model.cases] == ["good"]
+    assert model.failed == {"bad": "case bad: the load on ALL acts on nothing: the set has no faces of elements"}
+    assert "good" in write_inp(model) and "bad" not in write_inp(model) and "BAD" not in write_bdf(model)
+
+
+@pytest.mark.parametrize(("supports", "line"), [((FOOT,), f"{FOOT} force 0 0 -5"), (("none",), "ALL gravity 1 2 3")])
+def test_a_case_that_deforms_nothing_fails_alone(supports, line):
+    options = FeaOptions(supports=supports, loads=(f"idle: {line}", f"good: {TOP} force 1 0 0"))
+    found = solve(build_model(MESH, options), options)
+    assert [field.name for field in found.fields] == ["self_weight", "good"] and "deform nothing" in found.failed["idle"]

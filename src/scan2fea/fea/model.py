@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from scan2fea.errors import SolveError, UsageError, require
-from scan2fea.fea.loads import cases_of, parse_loads, parse_supports, supports_of
+from scan2fea.fea.loads import cases_of, parse_loads, parse_supports, supports_of, surface_forces
 from scan2fea.fea.materials import chosen_material
 from scan2fea.fea.options import FeaOptions
-from scan2fea.types import BoolArray, FEModel, FloatArray, IntArray, TetMesh
+from scan2fea.types import BoolArray, FEModel, FloatArray, IntArray, LoadCase, TetMesh
 
 ALL, LOWEST = "ALL", "LOWEST"
 MAX_NAME = 80  # CalculiX and Abaqus allow 80 characters
@@ -166,7 +167,7 @@ def build_model(tets: TetMesh, options: FeaOptions = FeaOptions(), number: int |
         said = f"{error}; {LOWEST} is held instead"
         cases, failed = (), {**dict.fromkeys((line.case for line in wanted if line.number in (None, number)), said), **failed}
         failed = failed or {"supports": said}
-    return FEModel(
+    model = FEModel(
         mesh=tets,
         material=chosen_material(options),
         node_sets=sets,
@@ -177,3 +178,14 @@ def build_model(tets: TetMesh, options: FeaOptions = FeaOptions(), number: int |
         is_floating=asked is None,
         failed=failed,
     )
+    none = {case.name: said for case in cases if (said := _acts_on_nothing(model, case))}
+    return replace(model, cases=tuple(case for case in cases if case.name not in none), failed={**failed, **none})
+
+
+def _acts_on_nothing(model: FEModel, case: LoadCase) -> str:
+    """Why the loads of a case are none ("" where they are): a set of nodes alone has no faces. The decks hold the other cases."""
+    try:
+        surface_forces(model, case)
+    except SolveError as error:
+        return f"case {case.name}: {error}"
+    return ""

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from scan2fea.errors import SolveError
+from scan2fea.errors import SolveError, require
 from scan2fea.fea.assemble import System
 from scan2fea.fea.buckle import buckling_factors, stress_stiffness
 from scan2fea.fea.elements import surface_volume
@@ -20,6 +20,7 @@ from scan2fea.fea.strain import at_nodes, energies, von_mises
 from scan2fea.types import BoolArray, CaseField, CaseResult, FEModel, FloatArray, IntArray, LoadCase
 
 SELF_WEIGHT = "self_weight"
+ROUNDING = 1e-9  # of the largest force at a node
 _QUANTILE = 0.99
 
 
@@ -57,15 +58,18 @@ class Statics:
         return self._case(SELF_WEIGHT, force, self.solver, self.held, expected_reaction=weight)
 
     def user_case(self, case: LoadCase) -> tuple[tuple[CaseResult, ...], CaseField, str]:
-        """Raises SolveError: no equilibrium, a load on nothing."""
+        """Raises SolveError: no equilibrium, a load on nothing, or on what is held (of a floating part: one that its inertia balances everywhere)."""
         force = nodal_forces(self.model, self.system, case)
         if not self.model.is_floating:
+            _require_moves(np.where(self.held, 0.0, force), force, case.name)
             return self._case(case.name, force, self.solver, self.held)
         nodes = np.asarray(self.model.mesh.nodes)
         held = three_points(nodes)
         if self._floating is None:
             self._floating = self._with(held)
-        rows, field, solver = self._case(case.name, inertia_balanced(nodes, self.system, force), self._floating, held)
+        balanced = inertia_balanced(nodes, self.system, force)
+        _require_moves(balanced, force, case.name)
+        rows, field, solver = self._case(case.name, balanced, self._floating, held)
         return rows, field, f"{solver} (balanced by inertia)"
 
     def _case(
@@ -97,6 +101,12 @@ class Statics:
             rows += [figure(name, "buckling_factor", "1", float(factors[0]))] if len(factors) else []
         field = CaseField(name=name, displacement_m=u, von_mises_pa=averaged, reaction_n=reaction, applied_n=applied, load_n=load)
         return tuple(rows), field, found.solver
+
+
+def _require_moves(left: FloatArray, force: FloatArray, name: str) -> None:
+    """left : (n, 3) what of the loads (n, 3) deforms the part."""
+    moves = float(np.abs(left).max()) > ROUNDING * float(np.abs(force).max())
+    require(moves, SolveError, f"case {name}: its loads deform nothing: they act on what is held, or move the free part as a whole")
 
 
 def _stress_rows(name: str, stress: FloatArray, volume: FloatArray, averaged: FloatArray, tets: IntArray, clear: BoolArray) -> list[CaseResult]:

@@ -190,3 +190,10 @@ def test_a_case_that_deforms_nothing_fails_alone(supports, line):
     options = FeaOptions(supports=supports, loads=(f"idle: {line}", f"good: {TOP} force 1 0 0"))
     found = solve(build_model(MESH, options), options)
     assert [field.name for field in found.fields] == ["self_weight", "good"] and "deform nothing" in found.failed["idle"]
+
+
+def test_a_load_that_buckles_nothing_keeps_its_displacements():
+    options = FeaOptions(supports=(FOOT,), buckling=True, loads=(f"pull: {TOP} force 0 0 5", f"press: {TOP} force 0 0 -5"))
+    found = solve(build_model(MESH, options), options)
+    assert [field.name for field in found.fields] == ["self_weight", "pull", "press"] and figure(found, "press", "buckling_factor").value > 1e5
+    assert all(name == "pull: buckling" for name in found.failed)

@@ -38,6 +38,7 @@ class Statics:
     def __init__(self, model: FEModel, system: System, shared: Shared | None, options: FeaOptions) -> None:
         self.model, self.system, self.options = model, system, options
         self.held = held_unknowns(model)
+        self.failed: dict[str, str] = {}  # what a case that was solved lacks
         self._shared = shared
         self.solver = self._with(self.held)
         self._floating: StaticSolver | None = None
@@ -97,8 +98,11 @@ class Statics:
             figure(name, "residual", "", found.residual),
         ]
         if self.options.buckling and name != SELF_WEIGHT and not self.model.is_floating:
-            factors, _ = buckling_factors(stress_stiffness(mesh, material, self.system, u), solver, held, u[None])
-            rows += [figure(name, "buckling_factor", "1", float(factors[0]))] if len(factors) else []
+            try:
+                factors, _ = buckling_factors(stress_stiffness(mesh, material, self.system, u), solver, held, u[None])
+                rows += [figure(name, "buckling_factor", "1", float(factors[0]))] if len(factors) else []
+            except SolveError as error:  # of a load that pulls alone: its displacements stand
+                self.failed[f"{name}: buckling"] = str(error)
         field = CaseField(name=name, displacement_m=u, von_mises_pa=averaged, reaction_n=reaction, applied_n=applied, load_n=load)
         return tuple(rows), field, found.solver
 
@@ -136,4 +140,4 @@ def solve_cases(statics: Statics) -> tuple[list[CaseResult], list[CaseField], di
             continue
         found += rows
         fields.append(field)
-    return found, fields, failed, solver
+    return found, fields, {**failed, **statics.failed}, solver

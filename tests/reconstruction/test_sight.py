@@ -109,17 +109,43 @@ def test_lines_that_run_through_a_bore_tell_that_planes_have_closed_it(is_open, 
     assert blocked_lines(scan, truth, 0.0084, 0.0012).passed
 
 
+def lines(points, targets, spacing=0.02):
+    """Sight lines and nothing else."""
+    none = np.zeros((0, 3))
+    return Sight(points=none, normals=none, wall_m=np.zeros(0), origin=points, target=targets, spacing_m=spacing, skin_m=0.0)
+
+
+def with_regions(mesh):
+    """face_region: one of each direction (of a convex solid, or a bar with flat ends: the ends are one each)."""
+    normals = np.cross(*[mesh.vertices[mesh.faces[:, k]] - mesh.vertices[mesh.faces[:, 0]] for k in (1, 2)])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    level = np.einsum("ij,ij->i", normals, mesh.vertices[mesh.faces[:, 0]])
+    return replace(mesh, face_region=2 * np.unique(np.round(np.column_stack([normals, level]), 6), axis=0, return_inverse=True)[1].ravel())
+
+
 @pytest.mark.parametrize(("seen", "passed"), [(0.3, False), (0.6, True)])
 def test_an_end_of_the_part_is_one_where_half_of_it_was_measured(seen, passed):
     """Of a bar the end at x = 0, and all beside it; a place within REACH spacings of a point counts as measured."""
     spacing = 0.02
-    bar = box((2.0, 1.0, 1.0))
-    normals = np.cross(*[bar.vertices[bar.faces[:, k]] - bar.vertices[bar.faces[:, 0]] for k in (1, 2)])
-    bar = replace(bar, face_region=2 * np.unique(np.sign(np.round(normals, 6)), axis=0, return_inverse=True)[1].ravel())
+    bar = with_regions(box((2.0, 1.0, 1.0)))
     points, _ = sample_surface(bar, 20_000, seed=0)
     gone = (points[:, 0] < 1e-9) & (points[:, 1] > seen - REACH * spacing)
     for turn in (np.eye(3), rotation(7)):
         turned = replace(moved(bar, turn, np.array([5.0, 1.0, -3.0])), face_region=bar.face_region)
-        check = half_seen_ends(turned, points[~gone] @ turn.T + [5.0, 1.0, -3.0], spacing)
+        check = half_seen_ends(turned, points[~gone] @ turn.T + [5.0, 1.0, -3.0], lines(points[:0], points[:0]), spacing)
         assert check.passed is passed and check.value == (0.0 if passed else 1.0)
-    assert half_seen_ends(bar, points, spacing).passed
+    assert half_seen_ends(bar, points, lines(points[:0], points[:0]), spacing).passed
+
+
+@pytest.mark.parametrize(("crossed", "passed"), [(0.0, False), (0.3, False), (1.0, True)])
+def test_an_end_with_openings_that_sight_lines_pass_needs_fewer_points(crossed, passed):
+    """An I whose end at z = 0 has no points in four fifths of its height: the flanges' notches are open as far as lines pass them."""
+    truth = with_regions(girder_mesh(0.3, 0.15, 0.008, 0.012, 0.6, 0.008, 0.06, 0))
+    spacing = 0.0056
+    points, _ = sample_surface(truth, 40_000, seed=0)
+    points = points[~((points[:, 2] < 1e-9) & (points[:, 1] > -0.09))]
+    at = np.random.default_rng(0).uniform([-0.075, -0.135, 0.0], [0.075, 0.135, 0.0], (2000, 3))
+    at = at[(np.abs(at[:, 0]) > 0.006) & (at[:, 1] < -0.135 + 0.27 * crossed)]
+    way = [0.02, 0.01, 0.1]
+    assert half_seen_ends(truth, points, lines(at - way, at + way), spacing).passed is passed
+    assert not half_seen_ends(truth, points, lines(at - way, at - np.multiply(way, 0.02)), spacing).passed  # they end before it

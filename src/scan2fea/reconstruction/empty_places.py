@@ -40,18 +40,20 @@ RING = 64  # places round a circle, up to twice its radius, that tell how dense 
 HAIR = 1e-6  # of the size
 
 
-_FIELDS = ("middle", "radius", "wall_m", "normal", "area_m2")
+_FIELDS = ("middle", "radius", "within_m", "wall_m", "normal", "area_m2")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Discs(Value):
     """Empty circles on one face of a wall.   middle, normal : (k, 3), outward.   radius, wall_m : (k,).
 
+    within_m : (k,) how far from its middle a circle lies in the wall: beyond the wall's outline lines pass that tell nothing of it.
     area_m2 : (k,) of the bare part of the wall that a circle is of, shared with the other circles in it.
     """
 
     middle: FloatArray
     radius: FloatArray
+    within_m: FloatArray
     wall_m: FloatArray
     normal: FloatArray
     area_m2: FloatArray
@@ -74,7 +76,7 @@ class Discs(Value):
     def _crossed(self, sight: Sight, depth_m: FloatArray, side: float, below_m: FloatArray) -> BoolArray:
         """(k,) does a line cross the circle, moved so deep into the wall, towards -side, and end beyond it, no higher than `below_m` over it?"""
         out = np.zeros(len(self.radius), bool)
-        for k, (normal, radius) in enumerate(zip(self.normal, self.radius, strict=True)):
+        for k, (normal, radius) in enumerate(zip(self.normal, self.within_m, strict=True)):
             heart = self.middle[k] - depth_m[k] * normal
             start, end = side * ((sight.origin - heart) @ normal), side * ((sight.target - heart) @ normal)
             rows = np.flatnonzero((start > 0.0) & (end < 0.0) & (end < below_m[k]))
@@ -116,7 +118,7 @@ def discs_of(mesh: TriangleMesh, points: FloatArray) -> Discs:
     of = region[PointToMesh(mesh).nearest(points).face]
     least = emptiness(len(points))
     scene, normals = scene_of(mesh), face_normals(mesh)
-    found = [Discs(middle=np.zeros((0, 3)), radius=np.zeros(0), wall_m=np.zeros(0), normal=np.zeros((0, 3)), area_m2=np.zeros(0))]
+    found = [Discs(**{name: np.zeros((0, 3) if name in ("middle", "normal") else 0) for name in _FIELDS})]
     for first in np.unique(region):
         for second in _behind(mesh, scene, region, normals, int(first)):
             pair = (int(first), int(second))
@@ -162,8 +164,9 @@ def _in_wall(
     density = sum(float(np.sum(of == number)) / float(areas[own].sum()) for number, own in zip(pair, faces, strict=True))
     middle, radius = empty_circles(flat)
     large = np.flatnonzero(math.pi * density * radius**2 >= least)
-    clearance = np.min([np.abs(from_outline(mesh, own, axes, middle[large] @ axes)) for own in faces], axis=0)
-    large = large[clearance >= WITHIN * radius[large]]
+    clearance = np.zeros(len(radius))
+    clearance[large] = np.min([np.abs(from_outline(mesh, own, axes, middle[large] @ axes)) for own in faces], axis=0)
+    large = large[clearance[large] >= WITHIN * radius[large]]
     large = large[_across(scene, region, plane, pair, middle[large], _hair(mesh))]
     kept: list[int] = []
     for k in large[np.argsort(-radius[large], kind="stable")]:
@@ -173,7 +176,8 @@ def _in_wall(
     at = middle[kept] @ axes + plane.offset * plane.normal
     wall = np.abs(_plane(mesh, faces[1], normals).distance(at))
     area = _bare_area(scene, region, plane, pair, middle[kept], flat, math.sqrt(BARE / (math.pi * density)), _hair(mesh))
-    return Discs(middle=at, radius=radius[kept], wall_m=wall, normal=np.tile(plane.normal, (len(kept), 1)), area_m2=area)
+    within, normal = np.minimum(radius, clearance)[kept], np.tile(plane.normal, (len(kept), 1))
+    return Discs(middle=at, radius=radius[kept], within_m=within, wall_m=wall, normal=normal, area_m2=area)
 
 
 def _bare_area(

@@ -11,12 +11,14 @@ from scipy.spatial import cKDTree
 
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_normals, volume
+from scan2fea.kernel.primitives import Plane
 from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.kernel.surfaces import Surface
 from scan2fea.reconstruction.budget import WALL_ENDS
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.hidden_volume import REACH, hidden_check
 from scan2fea.reconstruction.pictures import Flat, Picture, patches, pictures, regions
+from scan2fea.reconstruction.sight import Sight
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh
 
 ENDS = 0.02  # of the volume: as `wall_ends`
@@ -69,21 +71,31 @@ def flat_ends(mesh: TriangleMesh, points: FloatArray, spacing_m: float, rolled: 
     return at_most(WALL_ENDS, share, ENDS, says)
 
 
-def half_seen_ends(mesh: TriangleMesh, points: FloatArray, spacing_m: float, rolled: Mapping[int, Surface] = NONE_ROLLED) -> Check:
-    """How many flat faces that the whole part lies behind have less than half of their area near their own points?
+def half_seen_ends(
+    mesh: TriangleMesh, points: FloatArray, sight: Sight, spacing_m: float, rolled: Mapping[int, Surface] = NONE_ROLLED
+) -> Check:
+    """Of how many flat faces that the whole part lies behind was less than half seen?
 
-    points : (n, 3) measured or carried. Nothing else shows that the part ends there: a cup without its bottom, half of the rim left, was a tube.
+    Of what lies within such an end (its convex hull) the face was seen near its own points, an opening beside or in it near where sight lines pass
+    it: nothing else shows that the part ends there. A cup without its bottom, half of the rim left, was a tube. How far the face itself may go on
+    where it has no points is asked of `flat_ends`.
+
+    points : (n, 3) measured or carried.
     """
     normals, region, where = face_normals(mesh), regions(mesh), [np.zeros((0, 3))]
     for number, picture in pictures(mesh, points, spacing_m, REACH * spacing_m, rolled).items():
         own = region == number
         corners = mesh.vertices[mesh.faces[own]].reshape(-1, 3)
-        level, normal = float(corners[0] @ normals[own][0]), normals[own][0]
-        is_end = isinstance(picture.sheet, Flat) and float((mesh.vertices @ normal).max()) <= level + SKIN * spacing_m
-        if is_end and np.sum(picture.inside & ~picture.far(REACH * spacing_m)) < WHOLE_END * picture.inside.sum():
-            where.append(corners)
+        plane = Plane(normal=normals[own][0], offset=float(corners[0] @ normals[own][0]))
+        is_end = isinstance(picture.sheet, Flat) and float(plane.distance(mesh.vertices).max()) <= SKIN * spacing_m
+        measured = picture.inside & ~picture.far(REACH * spacing_m)
+        if is_end and measured.sum() < WHOLE_END * picture.inside.sum():
+            openings = picture.hull(corners) & ~picture.inside
+            crossed = openings & (picture.away_from(sight.crossings(plane, spacing_m)) <= REACH * spacing_m)
+            if measured.sum() + crossed.sum() < WHOLE_END * (picture.inside.sum() + openings.sum()):
+                where.append(corners)
     says = (
-        f"{len(where) - 1} flat ends of the part were measured on less than half of their area{around(np.concatenate(where))}: "
+        f"{len(where) - 1} flat ends of the part were seen by less than half{around(np.concatenate(where))}: "
         "the scan may end there, not the part; scan them too, or fit the member"
     )
     return at_most("ends of the part seen in part", float(len(where) - 1), 0.0, says)

@@ -101,7 +101,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
         hidden_volume_flat(whole, backed, h, unrolled),
         *((
             flat_ends(whole, backed, h, unrolled),
-            half_seen_ends(whole, backed, h, unrolled),
+            half_seen_ends(whole, backed, Sight.of(scan, first, lines=len(cloud)), h, unrolled),
             blocked_lines(scan, mesh, h, sigma),
         ) if by_lines else ()),
         bare_faces(whole, cloud.points, scan.sensors(), h),

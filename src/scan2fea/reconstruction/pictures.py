@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt, label
+from scipy.spatial import ConvexHull
 
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_normals
@@ -86,6 +87,16 @@ class Picture(Value):
         """(r, c) pixels farther than that from the points of the face."""
         return np.asarray(self.inside & (self.away > reach_m))
 
+    def away_from(self, places: FloatArray) -> FloatArray:
+        """(r, c) distance of each pixel from places (k, 3) on the sheet, m; those off the picture do not count."""
+        return _away(self.sheet.laid(places), self.low, self.pixel, self.inside.shape)
+
+    def hull(self, corners: FloatArray) -> BoolArray:
+        """(r, c) pixels in the convex hull of the corners (k, 3) of a flat face."""
+        flat = (self.sheet.laid(corners) - self.low) / self.pixel
+        ring = flat[ConvexHull(flat).vertices]
+        return _painted(np.stack([np.broadcast_to(ring[0], ring[2:].shape), ring[1:-1], ring[2:]], axis=1), self.inside.shape)
+
     def places(self, at: IntArray) -> FloatArray:
         """(k, 3) middles of the pixels (k, 2)."""
         return self.sheet.places(self.low + (at + 0.5) * self.pixel)
@@ -131,13 +142,19 @@ def _picture(sheet: Flat | Rolled, corners: FloatArray, places: FloatArray, spac
     low, extent = flat.min(axis=(0, 1)), np.ptp(flat.reshape(-1, 2), axis=0)
     pixel = max(PIXEL * spacing_m, math.sqrt(float(np.prod(extent)) / MOST_PIXELS))
     shape = tuple((np.ceil(extent / pixel) + 1).astype(np.int64).tolist())
-    seen = np.zeros(shape, bool)
-    row, column = np.clip(((seen_at - low) / pixel).astype(np.int64), 0, np.array(shape) - 1).T
-    seen[row, column] = True
-    away = np.full(shape, math.inf) if not len(places) else pixel * np.asarray(distance_transform_edt(~seen))
+    away = _away(np.clip(seen_at, low, low + (np.array(shape) - 0.5) * pixel), low, pixel, shape)
     if away.max() <= reach_m:
         return None
     return Picture(sheet=sheet, inside=_painted((flat - low) / pixel, shape), away=away, low=low, pixel=pixel)
+
+
+def _away(flat: FloatArray, low: FloatArray, pixel: float, shape: tuple[int, ...]) -> FloatArray:
+    """(r, c) distance of each pixel from the places (k, 2) on the picture, m."""
+    at = np.floor((flat - low) / pixel).astype(np.int64)
+    at = at[((at >= 0) & (at < shape)).all(axis=1)]
+    held = np.zeros(shape, bool)
+    held[tuple(at.T)] = True
+    return pixel * np.asarray(distance_transform_edt(~held), float) if len(at) else np.full(shape, math.inf)
 
 
 def patches(chosen: BoolArray) -> list[IntArray]:

@@ -50,6 +50,7 @@ VOTE = 0.5  # cubic spacings that a point on a cylinder speaks for on either sid
 FEW = 0.1  # of a cell: with less of it seen only that counts
 PLACED = 2  # times that the planes are placed again by the faces they bound
 FULL = 0.5  # points per square spacing that back a facet fully
+BACKED = 0.25  # of them, where the facet says what lies behind it
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -160,7 +161,7 @@ def _closed(points: FloatArray, planes: Planes, rounds: Rounds, first: Reconstru
     every = shapes(points, planes, rounds, h)
     cells, count, group = arranged(points, every, h, sigma)
     full, empty, size = _told(cells, group, first.mesh, seed, sight)
-    scale = 1.0 if sight is None else _whole(full, empty, size)
+    scale = 1.0 if sight is None else _whole(full, empty, size, _by_faces(cells, group, count, full, empty, h))
     out, within = _votes(cells, group, count, every, h)
     inside = _cheapest(cells, group, count, scale * empty + out, scale * full + within, h)[group]
     mesh = flat_solid(cells, inside, every.planes.normal)
@@ -269,10 +270,23 @@ def _seen_through(cells: Cells, inside: BoolArray, mesh: TriangleMesh, sight: Si
     return float(share[within][sight.passes(places[within])].sum())
 
 
-def _whole(full: FloatArray, empty: FloatArray, size: FloatArray) -> FloatArray:
-    """(c,) what makes the told volume of each cell all of it: what was seen of it tells the rest; 1 where FEW places of it were seen."""
+def _whole(full: FloatArray, empty: FloatArray, size: FloatArray, sure: BoolArray) -> FloatArray:
+    """(c,) what makes the told volume of each cell all of it: what was seen of it tells the rest; 1 where FEW places of it were seen.
+
+    sure : (c,) cells whose own faces say the same, however little of their inside was seen.
+    """
     known = full + empty
-    return np.asarray(np.divide(size, known, out=np.ones(len(size)), where=known > FEW * size))
+    return np.asarray(np.divide(size, known, out=np.ones(len(size)), where=(known > FEW * size) | (sure & (known > 0.0))))
+
+
+def _by_faces(cells: Cells, group: IntArray, count: FloatArray, full: FloatArray, empty: FloatArray, spacing_m: float) -> BoolArray:
+    """(g,) cells that lie behind facets with points and before none, and are told to be full; or the other way round.
+
+    Of a thick wall of which one face was seen hardly a place is known but those just under its points.
+    """
+    on = np.flatnonzero((count * spacing_m**2 > BACKED * _areas(cells)) & (cells.cell >= 0).all(axis=1))
+    before, behind = (np.bincount(group[cells.cell[on, k]], minlength=len(full)) > 0 for k in (0, 1))
+    return np.asarray((behind & ~before & (full >= empty)) | (before & ~behind & (empty >= full)))
 
 
 def _probes(cells: Cells, seed: int, n_probes: int) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -13,6 +13,7 @@ import numpy as np
 from scan2fea.kernel.measures import face_normals
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import sampled_rows
+from scan2fea.kernel.primitives import Plane
 from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.reconstruction.evidence import at_most
 from scan2fea.reconstruction.visibility import Reconstruction
@@ -70,6 +71,13 @@ class Sight(Value):
         left = np.flatnonzero(~full & ~empty)
         empty[left] = self.passes(places[left])
         return np.asarray(full), np.asarray(empty)
+
+    def crossings(self, plane: Plane, beyond_m: float) -> FloatArray:
+        """(k, 3) where lines cross a plane, those that begin and end farther from it than `beyond_m`."""
+        start, end = plane.distance(self.origin), plane.distance(self.target)
+        rows = np.flatnonzero((start * end < 0.0) & (np.minimum(np.abs(start), np.abs(end)) > beyond_m))
+        share = (start[rows] / (start[rows] - end[rows]))[:, None]
+        return np.asarray(self.origin[rows] + share * (self.target[rows] - self.origin[rows]))
 
     def passes(self, places: FloatArray) -> BoolArray:
         """(k,) places (k, 3) that a sight line passes."""

@@ -12,13 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from scan2fea.cad.bores import bore
 from scan2fea.cad.patches import GROW_COSINE, Near, Patches
 from scan2fea.cad.resting import LEAST_POINTS
 from scan2fea.cad.roundings import beside, inner_faces
 from scan2fea.cad.surfaces import CLIP, Fit, fit_to_points, simplest
 from scan2fea.kernel.coverage import EXPECTED, is_unmeasured
 from scan2fea.kernel.measures import extent, face_areas
-from scan2fea.kernel.surfaces import CYLINDER, PLANE, Surface
+from scan2fea.kernel.surfaces import PLANE, Surface
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
 
 ENOUGH = 30  # points from which a patch tells its own surface
@@ -157,8 +158,8 @@ def _regrown(
     own = own[_off([surfaces[k] for k in names], own) > CLIP * noise]
     if len(own) < LEAST_POINTS:
         return None
-    square = [_around(surfaces[k].axis, own, surfaces[number]) for k in names if surfaces[k].kind == PLANE]
-    starts = [surfaces[number], *(s for s in square if s is not None)]
+    square = [bore(surfaces[k].axis, own) for k in names if surfaces[k].kind == PLANE]
+    starts = [surfaces[number], *(replace(s, sense=surfaces[number].sense) for s in square if s is not None)]
     found = [f for s in starts if (f := fit_to_points(s, own, size_m)) is not None and len(f.points) >= 0.9 * len(own)]
     best = min(found, key=lambda f: f.sigma_m, default=None)
     if best is None or best.sigma_m > 2 * noise:
@@ -185,14 +186,3 @@ def _with_free_form(near: Near, label: IntArray, rows: IntArray) -> BoolArray:
         front = front[label[front] < 0]
         inside[front] = True
     return inside
-
-
-def _around(axis: FloatArray, points: FloatArray, like: Surface) -> Surface | None:
-    """The cylinder along an axis through points, by the circle of least squares of the squared radii; None where they lie in a line."""
-    start = replace(like, kind=CYLINDER, axis=axis, point=points.mean(0))
-    flat = (points - start.point) @ start.frame().T
-    matrix = np.column_stack([2 * flat, np.ones(len(flat))])
-    if np.linalg.matrix_rank(matrix) < 3:
-        return None
-    x, y, c = np.linalg.lstsq(matrix, (flat**2).sum(1), rcond=None)[0]
-    return replace(start, point=start.point + np.array([x, y]) @ start.frame(), radius=float(np.sqrt(max(c + x * x + y * y, 0.0))))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from scan2fea.cad.bores import bored
 from scan2fea.cad.brep import CadOptions
 from scan2fea.cad.cells import cell_solid
 from scan2fea.cad.compared import FIT_POINTS, LEFT_OUT, Compared, Scale, compared
@@ -74,7 +75,7 @@ def true_solid(
     stands = [] if resting is None else resting_planes(*resting, scale.tolerance_m)
     known = [r.surface for r in stands]
     near = _measured(mesh, points, scale)
-    raw = segmented(mesh, TOLERANCES[0] * scale.tolerance_m, known)
+    raw = _segmented(mesh, near, known, scale, TOLERANCES[0])
     asked = _asked(mesh, raw, near, known, scale) if len(raw.surfaces) > MANY else None  # the points ask for no more than there are
     is_large = asked is not None and len(asked.surfaces) > MANY
     if asked is not None and is_large:
@@ -118,6 +119,11 @@ def _measured(mesh: TriangleMesh, points: FloatArray, scale: Scale) -> Measured:
     return Measured(points=used, face=at.face, density=0.0 if is_given else len(used) / float(face_areas(mesh).sum()))
 
 
+def _segmented(mesh: TriangleMesh, near: Measured, known: list[Surface], scale: Scale, factor: float) -> Patches:
+    found = segmented(mesh, factor * scale.tolerance_m, known)
+    return bored(mesh, found, near.points, near.face) if near.density else found
+
+
 _Candidate = tuple[float, Patches, Patches, tuple[Fillet, ...]]  # times the tolerance; patches; these without fillets; fillets
 
 
@@ -129,7 +135,7 @@ def _candidates(
     asked : what the points ask of `raw` where creases are rounded by no more than the reach; None where it is not known.
     """
     tight = _candidate(mesh, near, known, scale, TOLERANCES[0], raw, asked)
-    made = (_candidate(mesh, near, known, scale, f, segmented(mesh, f * scale.tolerance_m, known)) for f in TOLERANCES[1:])
+    made = (_candidate(mesh, near, known, scale, f, _segmented(mesh, near, known, scale, f)) for f in TOLERANCES[1:])
     if smooth_share(mesh, tight[2]) > SMOOTH:
         yield tight
         yield from made

@@ -2,29 +2,58 @@
 
 Outside tets too tight for a ball are gathered; a set of them that opens to the rest of the outside in two places or more is a channel. One that
 buries few points when it is filled has no wall of its own: nothing was measured in it. Such are filled, if the surface then has fewer handles. A bore
-that was scanned is wider, or keeps the points of its wall. Where both skins of a wall were hidden such a channel may be wider; then only what no
-sight line has crossed is filled, and one beside which other points lie stays, and is told: it may be a bore.
+that was scanned is wider, or keeps the points of its wall. The ball of a channel through a wall of two spacings is larger than its mouths: there
+the points that its wall would hold are counted against those it has, and the mouths against the gaps that chance leaves in so many points. Where both
+skins of a wall were hidden such a channel may be wider still; then only what no sight line has crossed is filled, and one beside which other points
+lie stays, and is told: it may be a bore.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.special import pdtr
 
 from scan2fea.kernel.delaunay import FACETS, Tetrahedralisation
 from scan2fea.reconstruction.cut import Votes
 from scan2fea.reconstruction.singular import Resolved, resolve
-from scan2fea.types import BoolArray, FloatArray, IntArray
+from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 TIGHT = 1.5  # spacings, circumradius of such tets; bores of 2 spacings' radius are told (`empty_places`)
 WIDE = 3.0  # spacings, the same of channels in the dark: as far from points a surface still counts as measured (`gates_surface.REACH_SPACINGS`)
 ON_SKIN = 0.5  # cosine of a point's normal with the wall's
 CROSSED = 0.5  # votes of sight lines across a facet of a tet: it was seen empty
 BURIED = 0.3  # of the points of a channel may come to lie inside: noise puts points into the wall
+RADII = (1.75, 2.0, 2.25, 2.5, 2.75, WIDE)  # spacings: a larger ball leaves out more of the mouths, until channels and corners are one set
+SMOOTH = 0.5  # of the area of facets between random points is that of the wall they lie on, at least
+BARE = 0.01  # chance of a wall with so few points, or of gaps so wide: a scanned bore is not filled, and no bore's mouths are gaps of a sample
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Sets(Value):
+    """Connected tets of the outside that no ball enters. rows : (k,) tets.   part : (k,) the set of each.   And of each set:
+
+    n_open : openings to the rest of the outside.   buried : points with no other tet of the outside beside them.   points : all.
+    mouths_m2, walls_m2 : area of the facets to the rest of the outside, and to the inside.
+    """
+
+    rows: IntArray
+    part: IntArray
+    n_open: IntArray
+    buried: FloatArray
+    points: FloatArray
+    mouths_m2: FloatArray
+    walls_m2: FloatArray
+
+    def chosen(self, is_channel: BoolArray, n: int) -> BoolArray:
+        """(n,) tets of the sets that are chosen."""
+        out = np.zeros(n, bool)
+        out[self.rows[is_channel[self.part]]] = True
+        return out
 
 
 def without_pinholes(
@@ -35,9 +64,10 @@ def without_pinholes(
     votes, source : as for `resolve`.   normals : (n, 3) of the points, where sight lines are known; None: nothing is told to be dark.
     """
     found = _filled(tetra, found, votes, source, spacing_m, lambda inside: _channels(tetra, inside, TIGHT * spacing_m)[0])
+    dark = np.ones(len(tetra), bool) if normals is None else ~_crossed(tetra, votes.capacity)
+    found = _filled(tetra, found, votes, source, spacing_m, lambda inside: dark & _by_chance(tetra, inside, spacing_m))
     if normals is None:
         return found
-    dark = ~_crossed(tetra, votes.capacity)
     found = _filled(tetra, found, votes, source, spacing_m, lambda inside: dark & _between_skins(tetra, inside, WIDE * spacing_m, normals))
     without = _filled(tetra, found, votes, source, spacing_m, lambda inside: dark & _channels(tetra, inside, WIDE * spacing_m)[0])
     return replace(found, n_dark=_handles(tetra, found.inside) - _handles(tetra, without.inside))
@@ -92,6 +122,28 @@ def _channels(tetra: Tetrahedralisation, inside: BoolArray, radius_m: float) -> 
 
     And (m,) the number of the set of each tet, -1: of none.
     """
+    sets = _sets(tetra, inside, radius_m)
+    number = np.full(len(tetra), -1, np.int64)
+    number[sets.rows] = sets.part
+    return sets.chosen((sets.n_open >= 2) & (sets.buried <= BURIED * np.maximum(sets.points, 1)), len(tetra)), number
+
+
+def _by_chance(tetra: Tetrahedralisation, inside: BoolArray, spacing_m: float) -> BoolArray:
+    """(m,) outside tets of channels with too few points for a wall of their own, whose mouths together are no wider than gaps that chance leaves.
+
+    Of n random points, one a square spacing, n (1 + s + s^2 / 2) exp(-s) pairs of gaps opposite each other have s square spacings or more together.
+    """
+    n, out = len(tetra.points), np.zeros(len(tetra), bool)
+    s = np.log(n / BARE)
+    s += np.log1p(s + s * s / 2)
+    for radius in RADII:
+        sets = _sets(tetra, inside, radius * spacing_m)
+        bare = pdtr(sets.buried, SMOOTH * sets.walls_m2 / spacing_m**2) <= BARE
+        out |= sets.chosen((sets.n_open >= 2) & bare & (sets.mouths_m2 <= s * spacing_m**2), len(tetra))
+    return out
+
+
+def _sets(tetra: Tetrahedralisation, inside: BoolArray, radius_m: float) -> _Sets:
     is_tight = ~inside & ~tetra.is_box & (tetra.circumradius <= radius_m)
     rows = np.flatnonzero(is_tight)
     place = np.full(len(tetra), -1)
@@ -102,14 +154,24 @@ def _channels(tetra: Tetrahedralisation, inside: BoolArray, radius_m: float) -> 
     n, of = connected_components(graph, directed=False)
     part = np.asarray(of, np.int64)
     t, facet = np.nonzero((other >= 0) & ~is_tight[other] & ~inside[other])
-    mouth = _openings(tetra.tets[rows[t][:, None], FACETS[facet]], part[t])
-    n_open = np.bincount(part[t][np.unique(mouth, return_index=True)[1]], minlength=n)
-    out = np.zeros(len(tetra), bool)
-    is_channel = (n_open >= 2) & (_buried(tetra, inside, rows, part, n) <= BURIED)
-    out[rows[is_channel[part]]] = True
-    number = np.full(len(tetra), -1, np.int64)
-    number[rows] = part
-    return out, number
+    open_to = tetra.tets[rows[t][:, None], FACETS[facet]]
+    w, side = np.nonzero((other >= 0) & inside[other])
+    mouth = _openings(open_to, part[t])
+    buried, points = _buried(tetra, inside, rows, part, n)
+    return _Sets(
+        rows=rows, part=part, n_open=np.bincount(part[t][np.unique(mouth, return_index=True)[1]], minlength=n), buried=buried, points=points,
+        mouths_m2=_sums(part[t], _areas(tetra.points[open_to]), n),
+        walls_m2=_sums(part[w], _areas(tetra.points[tetra.tets[rows[w][:, None], FACETS[side]]]), n),
+    )  # fmt: skip
+
+
+def _sums(part: IntArray, weight: FloatArray, n: int) -> FloatArray:
+    return np.bincount(part, weight, minlength=n).astype(float)
+
+
+def _areas(corners: FloatArray) -> FloatArray:
+    """(k,) of triangles. corners : (k, 3, 3)."""
+    return np.asarray(np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2)
 
 
 def _openings(corners: IntArray, part: IntArray) -> IntArray:
@@ -121,10 +183,10 @@ def _openings(corners: IntArray, part: IntArray) -> IntArray:
     return np.asarray(connected_components(graph, directed=False)[1][:k])
 
 
-def _buried(tetra: Tetrahedralisation, inside: BoolArray, rows: IntArray, part: IntArray, n: int) -> FloatArray:
-    """(n,) share of the points of each set of tets with no other tet of the outside beside them. part : (k,) set of the tets `rows`."""
+def _buried(tetra: Tetrahedralisation, inside: BoolArray, rows: IntArray, part: IntArray, n: int) -> tuple[FloatArray, FloatArray]:
+    """(n,) points of each set of tets with no other tet of the outside beside them, and all of its points. part : (k,) set of the tets `rows`."""
     outside = np.bincount(tetra.tets[~inside].ravel(), minlength=len(tetra.points))
     corner = tetra.tets[rows].ravel()
     pairs, own = np.unique(np.column_stack([np.repeat(part, 4), corner]), axis=0, return_counts=True)
     alone = own == outside[pairs[:, 1]]
-    return np.asarray(np.bincount(pairs[:, 0], alone, minlength=n) / np.maximum(np.bincount(pairs[:, 0], minlength=n), 1))
+    return _sums(pairs[:, 0], alone.astype(float), n), _sums(pairs[:, 0], np.ones(len(pairs)), n)

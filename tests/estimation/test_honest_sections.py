@@ -60,8 +60,10 @@ def test_a_full_cap_is_a_bar_and_a_ring_a_tube():
 
 def test_what_needs_no_cap():
     rng = np.random.default_rng(2)
-    plate = member("rect", b=0.1, t=0.02, length=0.5)
+    plate = member("rect", b=0.1, t=0.016, length=0.5)
     assert inside_of(sides(plate, 500, rng), plate) == SOLID
+    flat = member("rect", b=0.1, t=0.02, length=0.5)  # as HSS 10 x 2
+    assert inside_of(sides(flat, 500, rng), flat) == UNKNOWN
     tube = member("RHS", h=0.1, b=0.06, t=0.005, length=0.5)
     assert inside_of(sides(tube, 500, rng), tube) == HOLLOW
     assert inside_of(sides(tube, 500, rng, loops=(0,)), member("RHS", untold=("t",), h=0.1, b=0.06, t=0.005, length=0.5)) == UNKNOWN

@@ -89,7 +89,7 @@ def half_seen_ends(
         plane = Plane(normal=normals[own][0], offset=float(corners[0] @ normals[own][0]))
         is_end = isinstance(picture.sheet, Flat) and float(plane.distance(mesh.vertices).max()) <= SKIN * spacing_m
         measured = picture.inside & ~picture.far(REACH * spacing_m)
-        if is_end and measured.sum() < WHOLE_END * picture.inside.sum():
+        if is_end:
             openings = picture.hull(corners) & ~picture.inside
             crossed = openings & (picture.away_from(sight.crossings(plane, spacing_m)) <= REACH * spacing_m)
             if measured.sum() + crossed.sum() < WHOLE_END * (picture.inside.sum() + openings.sum()):

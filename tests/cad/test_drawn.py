@@ -79,7 +79,7 @@ def test_an_egg_is_on_no_surface() -> None:
     assert found.brep is None and found.reason
 
 
-@pytest.mark.parametrize("seed", [None, 5])
+@pytest.mark.parametrize("seed", [None, 4, 5])
 @pytest.mark.parametrize(("profile", "n_faces"), [(SHAFT, 3), (SUNK, 4), (ROUND, 4)])
 def test_the_solid_is_that_of_the_surfaces(profile, n_faces, seed) -> None:
     mesh = turned(profile, seed=seed)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from scan2fea.cad.live import is_valid, joined_triangles, parts, tessellated
+from scan2fea.cad.live import as_splines, is_valid, joined_triangles, parts, tessellated
 from scan2fea.cad.readback import volume_of
 from scan2fea.kernel.coverage import STRAY_SPACINGS, is_unmeasured
 from scan2fea.kernel.distances import PointToMesh
@@ -124,8 +124,13 @@ def points_lost(shown: TriangleMesh, mesh: TriangleMesh, points: FloatArray, sca
 
 def triangles_of(solid: Any, middle: FloatArray, tolerance_m: float, within_m: float = 0.0) -> tuple[TriangleMesh, IntArray]:
     """The solid's triangles in metres where they are, and the face of each. within_m : points so near to each other are one."""
-    tessellated(solid, max(CHORD * tolerance_m * MILLIMETRES_PER_METRE, 1e-3))
-    mesh, face = joined_triangles(faces_of(solid), within_m * MILLIMETRES_PER_METRE)
+    chord, within = max(CHORD * tolerance_m * MILLIMETRES_PER_METRE, 1e-3), within_m * MILLIMETRES_PER_METRE
+    tessellated(solid, chord)
+    mesh, face = joined_triangles(faces_of(solid), within)
+    if len(np.unique(face)) < len(faces_of(solid)):  # Open Cascade leaves a cone without triangles in one of four positions
+        splines = as_splines(solid)
+        tessellated(splines, chord)
+        mesh, face = joined_triangles(faces_of(splines), within)
     return TriangleMesh(vertices=mesh.vertices / MILLIMETRES_PER_METRE + middle, faces=mesh.faces, face_region=face), face
 
 

@@ -77,6 +77,13 @@ def tessellated(shape: Any, chord_mm: float, angle_rad: float = 0.35) -> None:
     BRepMesh_IncrementalMesh(shape, chord_mm, False, angle_rad, False)
 
 
+def as_splines(shape: Any) -> Any:
+    """The same shape with every surface as a B-spline, its faces in the same order."""
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_NurbsConvert
+
+    return BRepBuilderAPI_NurbsConvert(shape, True).Shape()
+
+
 def face_triangles(face: Any) -> tuple[FloatArray, IntArray]:
     """(n, 3) points and (m, 3) triangles of a tessellated face, outward."""
     from OCP.BRep import BRep_Tool

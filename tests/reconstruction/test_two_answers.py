@@ -9,7 +9,7 @@ from scan2fea.kernel.distances import signed_distance
 from scan2fea.kernel.measures import volume
 from scan2fea.reconstruction import reconstruct, visibility
 from scan2fea.reconstruction.bare_ends import BARE_ENDS
-from scan2fea.reconstruction.budget import FLAT_INSTEAD, VOLUME_IN_DOUBT
+from scan2fea.reconstruction.budget import FLAT_INSTEAD, VOLUME_IN_DOUBT, WALL_ENDS
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.gates_planar import DIFFER
 from scan2fea.reconstruction.planar import flattened, served
@@ -19,6 +19,7 @@ from scan2fea.types import PointCloud, Scan
 from scanned import scan_of, scanned
 
 T, H = 0.15, 0.04
+ENDS = {BARE_ENDS, WALL_ENDS}
 ANGLE = moved(meshed(prism([[0, 0], [0.8, 0], [0.8, T], [T, T], [T, 0.8], [0, 0.8]], 1.0)), rotation(109), np.array([2.0, 0.0, -1.0]))
 
 
@@ -33,13 +34,14 @@ def without_a_corner(share, seed=1):
 
 def but_for_its_end(first):
     """As if nobody had asked for the end of the part: the planes are to tell of the corner by themselves."""
-    return replace(first, checks=tuple(check for check in first.checks if check.name != BARE_ENDS))
+    return replace(first, checks=tuple(check for check in first.checks if check.name not in ENDS))
 
 
 def test_a_corner_that_was_not_scanned_is_told_by_the_planes_that_carry_it_on():
     scan = without_a_corner(0.09)
     asked = visibility(scan)
-    assert [check.name for check in failed(asked.checks)] == [BARE_ENDS]  # the cut is flat, and the whole part lies behind it
+    names = {check.name for check in failed(asked.checks)}
+    assert names and names <= ENDS  # the cut is flat and the whole part lies behind it, or it bites into the walls: rounding decides
     first = but_for_its_end(asked)
     assert volume(first.mesh) < 0.95 * volume(ANGLE)
     same, flats = served(scan, first)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
+from scipy.ndimage import binary_fill_holes
 from scipy.spatial import cKDTree
 
 from scan2fea.kernel.distances import PointToMesh
@@ -77,8 +78,8 @@ def half_seen_ends(
     """Of how many flat faces that the whole part lies behind was less than half seen?
 
     Of what lies within such an end (its convex hull) the face was seen near its own points, an opening beside or in it near where sight lines pass
-    it: nothing else shows that the part ends there. A cup without its bottom, half of the rim left, was a tube. How far the face itself may go on
-    where it has no points is asked of `flat_ends`.
+    it: nothing else shows that the part ends there. A hole in such an end is asked for too where most of the face was seen: a cup without its bottom,
+    half of the rim left, was a tube. How far the face itself may go on where it has no points is asked of `flat_ends`.
 
     points : (n, 3) measured or carried.
     """
@@ -89,11 +90,15 @@ def half_seen_ends(
         plane = Plane(normal=normals[own][0], offset=float(corners[0] @ normals[own][0]))
         is_end = isinstance(picture.sheet, Flat) and float(plane.distance(mesh.vertices).max()) <= SKIN * spacing_m
         measured = picture.inside & ~picture.far(REACH * spacing_m)
-        if is_end:
-            openings = picture.hull(corners) & ~picture.inside
-            crossed = openings & (picture.away_from(sight.crossings(plane, spacing_m)) <= REACH * spacing_m)
-            if measured.sum() + crossed.sum() < WHOLE_END * (picture.inside.sum() + openings.sum()):
+        if not is_end:
+            continue
+        openings, enclosed = picture.hull(corners) & ~picture.inside, binary_fill_holes(picture.inside) & ~picture.inside
+        crossed = picture.away_from(sight.crossings(plane, spacing_m)) <= REACH * spacing_m
+        few = measured.sum() < WHOLE_END * picture.inside.sum()
+        for asked, is_open in ((few, openings), (enclosed.any(), enclosed)):
+            if asked and measured.sum() + (is_open & crossed).sum() < WHOLE_END * (picture.inside.sum() + is_open.sum()):
                 where.append(corners)
+                break
     says = (
         f"{len(where) - 1} flat ends of the part were seen by less than half{around(np.concatenate(where))}: "
         "the scan may end there, not the part; scan them too, or fit the member"

@@ -43,6 +43,7 @@ MIN_SLENDER = 1.0  # length over the width of the section
 _POINTS = 60_000
 _CELL_POINTS = 15
 _STRAY = 4.0
+_NEIGHBOURS = 50  # points: fewer tell no scatter
 _FACES_OFF = 24  # stretches of the outline, about
 _SE = 4.0
 AGAIN = 8  # times that each ray measures the model
@@ -68,6 +69,7 @@ class Explanation(Value):
     difference of squares) over mill tolerance, nan where neighbours do not tell.   pattern_share : pattern over noise.
     slenderness : length over the greater width of the section.   seen : face -> share of it that points support.
     cells : number of cells that were tested.   cuts : places where no side of a wall was seen, or where it was cut.
+    local_sigma_m : scatter about neighbours, nan where these do not tell.
     """
 
     explains: bool
@@ -85,6 +87,7 @@ class Explanation(Value):
     seen: Mapping[str, float]
     cells: int
     cuts: tuple[Cut, ...]
+    local_sigma_m: float
 
 
 def explanation(
@@ -96,12 +99,14 @@ def explanation(
     along_rays: bool = False,
     by_rays: ByRays | None = None,
     covers: Covers = (),
+    local_sigma_m: float | None = None,
 ) -> Explanation:
     """Test the member against the points (n, 3) it was fitted to.
 
     along_rays : sigma_m is the noise of the range: across a face seen aslant it is less, and the cells show that as a pattern.
     by_rays : what rays say of holes and of the points of the model; None: places without points are holes, noise is alike in all directions.
     covers : (k, 3) points of each other body around: where one lies on the member, nobody can see whether there is a hole.
+    local_sigma_m : scatter about neighbours (nan: they do not tell), where another explanation of the same points has asked for it.
     """
     values = member.values()
     shape = section(member.family, values)
@@ -123,7 +128,8 @@ def explanation(
     bare = len(uncovered(holes, member, covers, sigma_m))
     voids = bare if by_rays is None or by_rays.voids is None else by_rays.voids
     near = some[~stray]
-    local_sigma = noise_sigma(near, seed=seed) if len(near) >= 50 else math.nan
+    asked = local_sigma_m is None and len(near) >= _NEIGHBOURS
+    local_sigma = noise_sigma(near, seed=seed) if asked else math.nan if local_sigma_m is None else local_sigma_m
     rms = float(np.sqrt(np.mean(surface.distance[~stray] ** 2))) if (~stray).any() else math.nan
     doubted = (1 + _LOCAL_DOUBT) * local_sigma
     excess = math.sqrt(max(sigma_m**2 - doubted**2, 0.0)) / (TOLERANCE * size) if math.isfinite(local_sigma) else math.nan
@@ -143,7 +149,7 @@ def explanation(
     not_flat = n_not_flat(surface.side, surface.beyond, sigma_m, reach, values["length"])
     reason = _reason(figures, voids, not_flat, member, along_rays) or _cut(bare_walls, member)
     said = reason or _praise(figures, member, len(holes) - bare)
-    return Explanation(explains=not reason, reason=said, voids=voids, seen=seen, cells=cells.n, cuts=bare_walls, **figures)
+    return Explanation(explains=not reason, reason=said, voids=voids, seen=seen, cells=cells.n, cuts=bare_walls, local_sigma_m=local_sigma, **figures)
 
 
 def _reason(f: Mapping[str, float], voids: int, not_flat: int, member: Member, along_rays: bool) -> str:

@@ -27,7 +27,7 @@ _QUIET = 0.5  # of the narrower width: local noise up to which an outline is thi
 def is_prismatic(points: FloatArray, axes: tuple[Axis, ...], seed: int = 0) -> bool:
     """False where the points (n, 3) lie on no outline along any of the axes; True where they do, or where noise or number leave it open."""
     some = points[sampled_rows(len(points), _POINTS, seed)]
-    sigma = noise_sigma(some, seed=seed)
+    sigma = noise_sigma(some, seed=seed, below_m=_QUIET * _NARROW * max(axis.size_m for axis in axes))
     return any(_may_be_along(points, axis, sigma, seed) for axis in axes)
 
 

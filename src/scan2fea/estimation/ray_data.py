@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,10 +54,15 @@ class RayData:
     def __len__(self) -> int:
         return len(self.o)
 
+    @functools.cached_property
+    def foot_m(self) -> FloatArray:
+        """(m,) width of each beam where its ray passes the axis."""
+        return self.foot_rad * self.distance
+
     @property
     def edge_unit_m(self) -> float:
         """Median standard deviation of the beam at the member, as stated (or as is usual): the unit in which edges move."""
-        return float(np.median(self.foot_rad * self.distance)) * (1 / FULL_OPENING if self.footprint_known else USUAL_BEAM_RAD)
+        return float(np.median(self.foot_m)) * (1 / FULL_OPENING if self.footprint_known else USUAL_BEAM_RAD)
 
     def take(self, rows: IntArray) -> RayData:
         """Some of the rays; what describes all of them stays, but fewer rays resolve less."""
@@ -122,13 +128,6 @@ def prepared(
         footprint_known=foot_known,
         hits_only=n_passes == 0,
     )
-
-
-def ray_axes(data: RayData, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(m, 2) start and (m, 2) direction of the rays seen from the axis with these Legendre coefficients, to first order in its slope."""
-    centre = np.stack([data.legendre @ x, data.legendre @ y], axis=1)
-    slope = np.stack([data.slopes @ x, data.slopes @ y], axis=1)
-    return data.o[:, :2] - centre - slope * data.ahead[:, None], data.d[:, :2] - slope * data.d[:, 2:]
 
 
 def _hits(scan: Scan, sigma_m: float) -> tuple[Rays, IntArray]:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scan2fea.estimation.ray_data import FULL_OPENING, USUAL_BEAM_RAD, RayData, ray_axes
-from scan2fea.estimation.rays_of_member import DROPPED, END, LOG_FOOT, LOG_SIGMA, OUTLIER, SHIFT, START, VALUES, ray_terms
+from scan2fea.estimation.ray_data import FULL_OPENING, USUAL_BEAM_RAD, RayData
+from scan2fea.estimation.rays_of_member import VALUES, in_unknowns, ray_terms, seen_from_axis
 from scan2fea.estimation.scoring import Prior
 from scan2fea.kernel.sections import PARAMETERS, ROUND, corner_factors
 from scan2fea.types import FloatArray, IntArray
@@ -26,6 +26,21 @@ NUISANCE = ("log_sigma", "log_footprint", "edge", "logit_dropped", "logit_outlie
 N_TAIL = 2 + len(NUISANCE)  # the ends come before them
 EDGE_PRIOR = 1.5  # standard deviations of the beam: a sensor that notices any light sees an edge 2 of them farther out than half the beam
 _SCALE_SIZE, _SCALE_ANGLE, _SCALE_LOG = 0.01, 0.01, 0.1
+
+
+@functools.cache
+def outline_of(family: str) -> tuple[FloatArray, IntArray]:
+    """(k, 2, p) derivatives of the corners of the outer outline, and (k,) the corner after each. The arrays are read-only."""
+    if family in ROUND:
+        angle = 2 * np.pi * np.arange(N_CHORDS) / N_CHORDS
+        radius = math.sqrt(angle[1] / math.sin(angle[1])) / 2  # per diameter
+        factors = np.stack([np.cos(angle), np.sin(angle)], 1)[:, :, None] * radius
+    else:
+        factors = np.ascontiguousarray(corner_factors(family)[0][:, :, : RayLayout(family, 1).n_values])
+    after = np.roll(np.arange(len(factors)), -1)
+    for shared in (factors, after):
+        shared.setflags(write=False)
+    return factors, after
 
 
 @dataclass(frozen=True)
@@ -56,16 +71,6 @@ class RayLayout:
     def axis(self, theta: FloatArray) -> FloatArray:
         """(2, degree + 1) Legendre coefficients."""
         return theta[self.n_values + 1 : -N_TAIL].reshape(2, -1)
-
-    def outline(self) -> tuple[FloatArray, IntArray]:
-        """(k, 2, p) derivatives of the corners of the outer outline, and (k,) the corner after each."""
-        if self.family in ROUND:
-            angle = 2 * np.pi * np.arange(N_CHORDS) / N_CHORDS
-            radius = math.sqrt(angle[1] / math.sin(angle[1])) / 2  # per diameter
-            factors = np.stack([np.cos(angle), np.sin(angle)], 1)[:, :, None] * radius
-        else:
-            factors = np.ascontiguousarray(corner_factors(self.family)[0][:, :, : self.n_values])
-        return factors, np.roll(np.arange(len(factors)), -1)
 
     def scale(self, size: float) -> FloatArray:
         scale = np.full(len(self.names), _SCALE_SIZE * size)
@@ -113,47 +118,24 @@ class RayModel:
     def evaluate(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """logp (n,) and scores (n, p) at theta; -inf where the dimensions make no section."""
         d, layout, p = self.data, self.layout, self.layout.n_values
-        scores = np.zeros((len(d), len(theta)))
-        logp = np.empty(len(d))
+        logp, scores = np.empty(len(d)), np.empty((len(d), len(theta)))
         if not _is_section(layout, theta) or theta[layout.place["end"]] <= theta[layout.place["start"]]:
-            logp[:] = -np.inf
-            return logp, scores
-        axis = layout.axis(theta)
-        a, b = ray_axes(d, axis[0], axis[1])
-        c, s = math.cos(theta[p]), math.sin(theta[p])
-        turn = np.array([[c, -s], [s, c]])  # a @ turn is R(-roll) a
-        q, e = a @ turn, b @ turn
+            return np.full(len(d), -np.inf), np.zeros_like(scores)
+        axis, roll, t, at = layout.axis(theta), float(theta[p]), theta, layout.place
+        q, e = np.empty((len(d), 2)), np.empty((len(d), 2))
+        seen_from_axis(d.o, d.d, d.legendre, d.slopes, d.ahead, axis, roll, q, e)
         # widths below what the rays can resolve enter as a root of squares: smooth, and the score shrinks by the same share
-        t, at = theta, layout.place
-        foot, foot_share = _floored(math.exp(t[at["log_footprint"]]) * d.foot_rad * d.distance, max(self.least_m, d.least_width))
+        foot, foot_share = _floored(math.exp(t[at["log_footprint"]]) * d.foot_m, max(self.least_m, d.least_width))
         sigma, sigma_share = _floored(np.array([math.exp(t[at["log_sigma"]])]), self.least_m)
-        unit = (1 / FULL_OPENING if d.footprint_known else USUAL_BEAM_RAD) * d.foot_rad * d.distance
-        factors, after = layout.outline()
+        unit = (1 / FULL_OPENING if d.footprint_known else USUAL_BEAM_RAD) * d.foot_m
+        factors, after = outline_of(layout.family)
         raw = np.empty((len(d), VALUES + p))
         ray_terms(
             q, e, d.o[:, 2].copy(), d.d[:, 2].copy(), d.range_m, foot, t[at["edge"]] * unit, factors @ t[:p], factors, after,
             t[[at["start"], at["end"]]], float(sigma[0]), _share(t[at["logit_dropped"]]), _share(t[at["logit_outlier"]]), d.window, d.hits_only,
             logp, raw,
         )  # fmt: skip
-        scores[:, :p] = raw[:, VALUES:]
-        scores[:, p] = raw[:, 0] * q[:, 1] - raw[:, 1] * q[:, 0] + raw[:, 2] * e[:, 1] - raw[:, 3] * e[:, 0]
-        on_a, on_b = raw[:, :2] @ turn.T, raw[:, 2:4] @ turn.T
-        n = axis.shape[1]
-        moved = d.legendre + d.slopes * d.ahead[:, None]
-        tilted = d.slopes * d.d[:, 2:]
-        for k in (0, 1):
-            first = p + 1 + k * n
-            scores[:, first : first + n] = -moved * on_a[:, k, None] - tilted * on_b[:, k, None]
-        for name, column in (
-            ("start", raw[:, START]),
-            ("end", raw[:, END]),
-            ("log_sigma", raw[:, LOG_SIGMA] * sigma_share),
-            ("log_footprint", raw[:, LOG_FOOT] * foot_share),
-            ("edge", raw[:, SHIFT] * unit),
-            ("logit_dropped", raw[:, DROPPED]),
-            ("logit_outlier", raw[:, OUTLIER]),
-        ):
-            scores[:, at[name]] = column
+        in_unknowns(raw, q, e, d.d[:, 2].copy(), d.legendre, d.slopes, d.ahead, roll, float(sigma_share[0]), foot_share, unit, scores)
         return logp, scores
 
 

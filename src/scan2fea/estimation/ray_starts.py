@@ -97,7 +97,8 @@ def best_starts(data: RayData, layout: RayLayout, start: Member, held: Mapping[s
             still = NUISANCE
     final = [fitted(data, layout, t, held, max_iterations=15, tolerance=1e-2) for t in thetas]
     final.sort(key=lambda one: -one.log_posterior)
-    rest = [one.theta for one in final[1:] if one.log_posterior > final[0].log_posterior - OUTRUN]
+    apart = [one for k, one in enumerate(final) if not any(_same(layout, one, other) for other in final[:k])]
+    rest = [one.theta for one in apart[1:] if one.log_posterior > final[0].log_posterior - OUTRUN]
     return [thinnest(data, layout, final[0], held).theta, *rest]
 
 

@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from scan2fea.kernel.jit import jit
+from scan2fea.kernel.jit import jit_ieee, jit_inline
 from scan2fea.types import BoolArray, FloatArray, IntArray
 
 # columns of the scores of `ray_terms`; the section's values follow
@@ -30,12 +30,12 @@ _ROOT_2 = math.sqrt(2.0)
 _DENSITY = 1.0 / math.sqrt(2.0 * math.pi)
 
 
-@jit
+@jit_inline
 def _phi(x: float) -> float:
     return _DENSITY * math.exp(-0.5 * x * x)
 
 
-@jit
+@jit_inline
 def _between(a: float, b: float) -> float:
     """Phi(b) - Phi(a), a <= b, without losing the tail."""
     if a > 0.0:
@@ -43,7 +43,7 @@ def _between(a: float, b: float) -> float:
     return 0.5 * (math.erfc(-b / _ROOT_2) - math.erfc(-a / _ROOT_2))
 
 
-@jit
+@jit_inline
 def _in_front(u: FloatArray, s: FloatArray, after: IntArray, reach: float, front: IntArray) -> int:
     """Faces that look at the sensor within `reach` (u falls along them: outlines run counter-clockwise), by the corner they start at, in column 0."""
     n = 0
@@ -55,7 +55,7 @@ def _in_front(u: FloatArray, s: FloatArray, after: IntArray, reach: float, front
     return n
 
 
-@jit
+@jit_inline
 def _cuts(u: FloatArray, after: IntArray, reach: float, front: IntArray, n: int) -> int:
     """The corners of those faces that lie within reach, in order of u, in column 1."""
     cuts = front[:, 1]
@@ -74,7 +74,7 @@ def _cuts(u: FloatArray, after: IntArray, reach: float, front: IntArray, n: int)
     return n_cuts
 
 
-@jit
+@jit_inline
 def _nearest(u: FloatArray, s: FloatArray, after: IntArray, middle: float, front: IntArray, n: int) -> int:
     """The face that is first at the offset `middle`, by the corner it starts at; -1 for none."""
     best, nearest = -1, math.inf
@@ -88,7 +88,7 @@ def _nearest(u: FloatArray, s: FloatArray, after: IntArray, middle: float, front
     return best
 
 
-@jit
+@jit_inline
 def _visible(u: FloatArray, s: FloatArray, after: IntArray, reach: float, pieces: IntArray) -> int:
     """Cut the offsets within `reach` into intervals on which one face is the first: rows (corner the face starts at, lower end, upper end).
 
@@ -119,7 +119,7 @@ def _visible(u: FloatArray, s: FloatArray, after: IntArray, reach: float, pieces
     return m
 
 
-@jit
+@jit_inline
 def _outward(pieces: IntArray, piece: int, n: int, after: IntArray) -> tuple[float, float]:
     """Which way the lower and the upper end of an interval give way where the sensor sees edges farther out: away from the nearer face.
 
@@ -144,7 +144,7 @@ def _outward(pieces: IntArray, piece: int, n: int, after: IntArray) -> tuple[flo
     return down, up
 
 
-@jit
+@jit_inline
 def _end_share(z: float, ends: FloatArray, shift: float, w: float, out: FloatArray) -> None:
     """Share of the beam between the ends, and its derivatives: out = share, d/d start, d/d end, d/d z, d/d log w."""
     b = (ends[1] + shift - z) / w
@@ -161,7 +161,7 @@ def _end_share(z: float, ends: FloatArray, shift: float, w: float, out: FloatArr
     out[4] = a * pa - b * pb
 
 
-@jit
+@jit_inline
 def _share(ua: float, ub: float, w: float, out: FloatArray) -> None:
     """Share of the beam on [ua, ub]: out = share, d/d r0, d/d g, d/d ua, d/d ub, d/d log sigma, d/d log w."""
     a, b = ua / w, ub / w
@@ -173,7 +173,7 @@ def _share(ua: float, ub: float, w: float, out: FloatArray) -> None:
     out[6] = a * pa - b * pb
 
 
-@jit
+@jit_inline
 def _density(r: float, r0: float, g: float, ua: float, ub: float, w: float, sigma: float, out: FloatArray) -> None:
     """Density of the range r from a face that shows on [ua, ub]; `out` as in `_share`."""
     ss, gw2 = sigma * sigma, g * w * w
@@ -200,14 +200,14 @@ def _density(r: float, r0: float, g: float, ua: float, ub: float, w: float, sigm
 TOTAL, D_SIGMA, D_FOOT, D_START, D_END, D_LENGTH, D_SHIFT = range(7)
 
 
-@jit
+@jit_inline
 def _faces_of_ray(
     u: FloatArray, s: FloatArray, after: IntArray, pieces: IntArray, n_pieces: int, reach: float, z: float, dz: float, m: float, range_m: float,
     w: float, shift: float, ends: FloatArray, sigma: float, on_u: FloatArray, on_s: FloatArray, face: FloatArray, end: FloatArray, sums: FloatArray,
 ) -> None:  # fmt: skip
     """Sum over the visible faces of the density of the range (nan: of the share of the beam) and of its derivatives; adds to on_u, on_s, sums."""
     for piece in range(n_pieces):
-        k, low, high = pieces[piece]
+        k, low, high = pieces[piece, 0], pieces[piece, 1], pieces[piece, 2]
         j = after[k]
         span = u[k] - u[j]
         out_low, out_high = _outward(pieces, piece, n_pieces, after)
@@ -255,7 +255,7 @@ def _faces_of_ray(
         on_u[k] -= on_g * g / span
 
 
-@jit
+@jit_inline
 def _probability(
     total: float, is_hit: bool, hits_only: bool, silhouette: float, dropped: float, outlier: float, window: FloatArray, out: FloatArray
 ) -> None:
@@ -281,7 +281,7 @@ def _probability(
         out[0] = outlier * stray
 
 
-@jit
+@jit_ieee
 def ray_terms(
     q: FloatArray, e: FloatArray, z: FloatArray, dz: FloatArray, range_m: FloatArray, foot_m: FloatArray, shift_m: FloatArray, corners: FloatArray,
     factors: FloatArray, after: IntArray, ends: FloatArray, sigma: float, dropped: float, outlier: float, window: FloatArray, hits_only: bool,
@@ -301,6 +301,7 @@ def ray_terms(
     on_u, on_s = np.zeros(len(corners)), np.zeros(len(corners))
     pieces = np.zeros((3 * N_FRONT, 3), np.int64)
     face, end, sums, chance = np.zeros(7), np.zeros(5), np.zeros(7), np.zeros(5)
+    i_narrow = i_wide = 0
     for i in range(len(q)):
         m = math.sqrt(e[i, 0] ** 2 + e[i, 1] ** 2)
         ex, ey = e[i, 0] / m, e[i, 1] / m
@@ -308,10 +309,12 @@ def ray_terms(
             x, y = corners[k, 0] - q[i, 0], corners[k, 1] - q[i, 1]
             u[k] = ex * y - ey * x
             s[k] = (ex * x + ey * y) / m
-        on_u[:] = 0.0
-        on_s[:] = 0.0
+            on_u[k] = on_s[k] = 0.0
+            if k == 0 or u[k] < u[i_narrow]:
+                i_narrow = k
+            if k == 0 or u[k] > u[i_wide]:
+                i_wide = k
         sums[:] = 0.0
-        i_narrow, i_wide = np.argmin(u), np.argmax(u)
         reach = WINDOW * foot_m[i] + abs(shift_m[i])
         if u[i_narrow] < reach and u[i_wide] > -reach:
             n_pieces = _visible(u, s, after, reach, pieces)
@@ -336,7 +339,58 @@ def ray_terms(
                 _to_columns(scale * on_u[k], scale * on_s[k], u[k], s[k], ex, ey, m, factors[k], row)
 
 
-@jit
+@jit_ieee
+def seen_from_axis(
+    o: FloatArray, d: FloatArray, legendre: FloatArray, slopes: FloatArray, ahead: FloatArray, axis: FloatArray, roll: float,
+    q: FloatArray, e: FloatArray,
+) -> None:  # fmt: skip
+    """Fills q, e (n, 2): start and direction of the rays seen from the axis, to first order in its slope, turned back by the roll.
+
+    axis : (2, k) Legendre coefficients.   The rest as in `RayData`.
+    """
+    c, s = math.cos(roll), math.sin(roll)
+    for i in range(len(o)):
+        cx = cy = sx = sy = 0.0
+        for k in range(axis.shape[1]):
+            cx += legendre[i, k] * axis[0, k]
+            cy += legendre[i, k] * axis[1, k]
+            sx += slopes[i, k] * axis[0, k]
+            sy += slopes[i, k] * axis[1, k]
+        ax, ay = o[i, 0] - cx - sx * ahead[i], o[i, 1] - cy - sy * ahead[i]
+        bx, by = d[i, 0] - sx * d[i, 2], d[i, 1] - sy * d[i, 2]
+        q[i, 0], q[i, 1] = c * ax + s * ay, c * ay - s * ax
+        e[i, 0], e[i, 1] = c * bx + s * by, c * by - s * bx
+
+
+@jit_ieee
+def in_unknowns(
+    raw: FloatArray, q: FloatArray, e: FloatArray, dz: FloatArray, legendre: FloatArray, slopes: FloatArray, ahead: FloatArray, roll: float,
+    sigma_share: float, foot_share: FloatArray, unit: FloatArray, scores: FloatArray,
+) -> None:  # fmt: skip
+    """Scores (n, p) by dimensions, roll, both rows of the axis, start, end and nuisance from the columns (n, 11 + v) of `ray_terms`.
+
+    sigma_share, foot_share (n,) : of the derivatives, where widths have a floor.   unit : (n,) m that an edge moves by.
+    """
+    c, s = math.cos(roll), math.sin(roll)
+    v, n = raw.shape[1] - VALUES, legendre.shape[1]
+    last = v + 1 + 2 * n
+    for i in range(len(raw)):
+        one, row = raw[i], scores[i]
+        for k in range(v):
+            row[k] = one[VALUES + k]
+        row[v] = one[QX] * q[i, 1] - one[QY] * q[i, 0] + one[EX] * e[i, 1] - one[EY] * e[i, 0]
+        ax, ay = c * one[QX] - s * one[QY], s * one[QX] + c * one[QY]
+        bx, by = c * one[EX] - s * one[EY], s * one[EX] + c * one[EY]
+        for k in range(n):
+            moved, tilted = legendre[i, k] + slopes[i, k] * ahead[i], slopes[i, k] * dz[i]
+            row[v + 1 + k] = -moved * ax - tilted * bx
+            row[v + 1 + n + k] = -moved * ay - tilted * by
+        row[last], row[last + 1] = one[START], one[END]
+        row[last + 2], row[last + 3], row[last + 4] = one[LOG_SIGMA] * sigma_share, one[LOG_FOOT] * foot_share[i], one[SHIFT] * unit[i]
+        row[last + 5], row[last + 6] = one[DROPPED], one[OUTLIER]
+
+
+@jit_inline
 def _to_columns(gu: float, gs: float, u: float, s: float, ex: float, ey: float, m: float, factors: FloatArray, row: FloatArray) -> None:
     """Derivatives by a corner's offset and range become those by q, e and the dimensions."""
     vx, vy = -gu * ey + gs * ex / m, gu * ex + gs * ey / m
@@ -350,7 +404,7 @@ def _to_columns(gu: float, gs: float, u: float, s: float, ex: float, ey: float, 
         row[VALUES + v] += vx * factors[0, v] + vy * factors[1, v]
 
 
-@jit
+@jit_ieee
 def first_crossing(q: FloatArray, e: FloatArray, corners: FloatArray, after: IntArray) -> FloatArray:
     """(n,) range at which a beam without width meets the outline, inf where it passes.   q, e : (n, 2); corners : (k, 2)."""
     out = np.full(len(q), math.inf)

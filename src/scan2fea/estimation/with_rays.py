@@ -70,7 +70,8 @@ def refined(
     found = dataclasses.replace(fit.member, families=member.families)
     points = scan.cloud.points if scan.cloud.is_inferred is None else scan.cloud.points[~scan.cloud.is_inferred]
     by_rays = told_by_rays(scan, found, found.sigma_m, seed, misses_known=fit.misses_known)
-    judged = explanation(points, found, found.sigma_m, seed, along_rays=True, by_rays=by_rays)
+    local = told.local_sigma_m if told.explains else None  # of almost the same points
+    judged = explanation(points, found, found.sigma_m, seed, along_rays=True, by_rays=by_rays, local_sigma_m=local)
     if not judged.explains and told.explains:  # where neither explains the points, hits and misses know more than points alone
         return member, told, f"the member that the rays prefer explains the points less well: {judged.reason}"
     return dataclasses.replace(found, seen=judged.seen), judged, ""

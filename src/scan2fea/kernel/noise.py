@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.special import gammaincinv
 
@@ -37,12 +39,15 @@ def spacing(points: FloatArray, seed: int = 0, tree: NearTree | None = None) -> 
     return float(np.median(distances[:, 1:].mean(axis=1)))
 
 
-def noise_sigma(points: FloatArray, normals: FloatArray | None = None, seed: int = 0, tree: NearTree | None = None) -> float:
+def noise_sigma(
+    points: FloatArray, normals: FloatArray | None = None, seed: int = 0, tree: NearTree | None = None, below_m: float = math.inf
+) -> float:
     """Standard deviation of the points across their surface, m; nan where the data cannot tell it from shape.
 
     points : (n, 3).   normals : (n, 3) oriented outward, or None. With them only neighbours on the same side of a wall are used
     (n_i.n_j > 0.3). Without them the sheet a point lies on is told from the other one by the gap between; walls thinner than about six
-    sigma then read as noise.   tree : of the points, where one is there already.
+    sigma then read as noise.   tree : of the points, where one is there already.   below_m : whether it is below this is all that is asked: nan,
+    too, where smaller neighbourhoods already show more.
 
     Each of a seeded draw of points gives the residual of a quadric z(x, y) over its neighbours (a plane would read curvature as
     noise). The scale is the 30 % quantile of these residuals, divided by what that quantile is for pure Gaussian noise (chi-square
@@ -64,6 +69,8 @@ def noise_sigma(points: FloatArray, normals: FloatArray | None = None, seed: int
         sigma = float(np.quantile(scaled, _QUANTILE))
         if sigma <= _FLAT * float(np.median(width[good])):
             return sigma
+        if sigma > below_m:  # wider neighbourhoods hold more of the noise, not less
+            break
     return float("nan")
 
 

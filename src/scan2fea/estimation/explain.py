@@ -5,7 +5,8 @@ Six figures, each with what it is measured against:
     pattern   The points are dealt to cells of the member's surface (stretches of the outline x stretches of the length). Noise averages out in a
               cell, a wrong shape does not. What the model itself would show in the same cell (walls as thin as the noise pull the nearest face
               about) is taken from points drawn from it.
-    strays    Points off the surface by more than noise. Clutter is thin and anywhere; a second body, a stiffener or a dome is a crowd.
+    strays    Points off the surface by more than noise. Clutter is thin and anywhere; a second body, a stiffener or a dome is a crowd, and few of
+              them are enough where they lie on a surface of their own (`attached.py`).
     voids     Empty places enclosed in a face that was seen all around, and on which nothing else lies: holes (`holes.py`).
     cuts      Places where a wall was cut through, to the rim or not: its cut was seen (`cuts.py`).
     ends      They are planes (`end_faces.py`).
@@ -24,18 +25,21 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import chdtr, chdtrc
 
+from scan2fea.estimation.attached import attached
 from scan2fea.estimation.cuts import Cut, cuts
 from scan2fea.estimation.end_faces import n_not_flat
 from scan2fea.estimation.holes import Covers, occupied, uncovered
 from scan2fea.estimation.outline import edge_lengths, outline_distance
 from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.noise import noise_sigma, sampled_rows
-from scan2fea.kernel.sections import section
+from scan2fea.kernel.section_likelihood import face_lengths, faces
+from scan2fea.kernel.sections import PARAMETERS, section
 from scan2fea.types import BoolArray, FloatArray, IntArray, Member, Section, Value
 
 TOLERANCE = 0.01  # of the section's size: mill tolerances
 MAX_OFF = 0.1  # share of the points in cells that are off: an unmodelled fillet or a dent, not another shape
 MAX_CROWD = 0.05  # share of the points that crowd off the surface
+MAX_ATTACHED = 0.01  # share of the points on surfaces of their own off the member: about their share of the volume, of which 1 % is asked
 MAX_CLUTTER = 0.3  # share of the points off the surface altogether
 MAX_EXCESS = 0.5  # of mill tolerance: noise of the member beyond that of its neighbours
 MAX_PATTERN = 0.1  # of the noise, where neighbours do not tell it
@@ -65,8 +69,8 @@ class ByRays(Value):
 class Explanation(Value):
     """explains, reason : the verdict.   off_share : of the points in cells that are off.   pattern_m : rms of what is not noise, over the cells.
     p_value : of the cells' chi-square (strict: dense scans always fail it).   rms_m : of the distance to the surface, strays left out.
-    stray_share, crowd_share : of the points.   voids : number of holes.   noise_excess : fitted noise beyond the scatter of neighbours (root of the
-    difference of squares) over mill tolerance, nan where neighbours do not tell.   pattern_share : pattern over noise.
+    stray_share, crowd_share, attached_share : of the points.   voids : number of holes.   noise_excess : fitted noise beyond the scatter of
+    neighbours (root of the difference of squares) over mill tolerance, nan where neighbours do not tell.   pattern_share : pattern over noise.
     slenderness : length over the greater width of the section.   seen : face -> share of it that points support.
     cells : number of cells that were tested.   cuts : places where no side of a wall was seen, or where it was cut.
     local_sigma_m : scatter about neighbours, nan where these do not tell.
@@ -80,6 +84,7 @@ class Explanation(Value):
     rms_m: float
     stray_share: float
     crowd_share: float
+    attached_share: float
     voids: int
     noise_excess: float
     pattern_share: float
@@ -118,7 +123,8 @@ def explanation(
     surface = _Surface.of(shape, member, local)
     reach = _STRAY * sigma_m + TOLERANCE * size
     stray = np.abs(surface.distance) > reach
-    crowd = _crowd(local, stray, size)
+    box = float(np.prod(np.maximum(np.ptp(local, axis=0), 1e-3 * size)))
+    crowd = _crowd(local, stray, box)
     side = ~stray & ~surface.on_cap
     among = (local[:, 2] > 0) & (local[:, 2] < values["length"])
     clutter = _Clutter.of(shape, local[among, :2], int((stray & among).sum()), reach, seed)
@@ -127,6 +133,9 @@ def explanation(
     seen, holes = occupied(shape, surface.edge[side], surface.along[side], surface.z[side], values["length"], sigma_m)
     bare = len(uncovered(holes, member, covers, sigma_m))
     voids = bare if by_rays is None or by_rays.voids is None else by_rays.voids
+    wide = face_lengths(member.family, np.array([values[name] for name in PARAMETERS[member.family]]))
+    area = values["length"] * float(wide @ np.array([seen[name] for name in faces(member.family)]))
+    apart = attached(local[stray], np.abs(surface.distance[stray]), sigma_m, size, float(side.sum()) / max(area, 1e-300), box)
     near = some[~stray]
     asked = local_sigma_m is None and len(near) >= _NEIGHBOURS
     local_sigma = noise_sigma(near, seed=seed) if asked else math.nan if local_sigma_m is None else local_sigma_m
@@ -140,6 +149,7 @@ def explanation(
         "rms_m": rms,
         "stray_share": float(stray.mean()),
         "crowd_share": float(crowd.mean()),
+        "attached_share": apart / len(some),
         "noise_excess": excess,
         "pattern_share": cells.pattern_m / sigma_m,
         "slenderness": values["length"] / width,
@@ -163,6 +173,11 @@ def _reason(f: Mapping[str, float], voids: int, not_flat: int, member: Member, a
         return (
             f"{100 * f['crowd_share']:.0f} % of the points crowd off {what} (limit {100 * MAX_CROWD:.0f} %): a second body in one cluster, "
             "or another shape; segment it, or leave it to reconstruction"
+        )
+    if f["attached_share"] > MAX_ATTACHED:
+        return (
+            f"{100 * f['attached_share']:.1f} % of the points (limit {100 * MAX_ATTACHED:g} %) lie off {what} on surfaces of their own, as close as "
+            "on its faces: a plate in or on it, or a second body; segment it, or leave it to reconstruction"
         )
     if f["stray_share"] > MAX_CLUTTER:
         return f"{100 * f['stray_share']:.0f} % of the points lie off {what} (limit {100 * MAX_CLUTTER:.0f} %)"
@@ -361,13 +376,12 @@ def _among_strays(shape: Section, xy: FloatArray, weight: FloatArray, n_stretch:
     return np.asarray(np.bincount(shown, w * np.r_[distance, clutter.distance], minlength=n_stretch) / np.maximum(mass, 1e-300))
 
 
-def _crowd(local: FloatArray, stray: BoolArray, size: float) -> BoolArray:
-    """Strays with far more strays about them than the same number spread evenly over the box of all points would give them."""
+def _crowd(local: FloatArray, stray: BoolArray, box: float) -> BoolArray:
+    """Strays with far more strays about them than the same number spread evenly over the box (m3) of all points would give them."""
     crowd = np.zeros(len(local), bool)
     rows = np.flatnonzero(stray)
     if len(rows) < 10:
         return crowd
-    box = float(np.prod(np.maximum(np.ptp(local, axis=0), 1e-3 * size)))
     k = 8
     tree = cKDTree(local[rows])
     distance = np.asarray(tree.query(local[rows], k=min(k + 1, len(rows)))[0])[:, -1]

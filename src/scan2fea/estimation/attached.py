@@ -1,0 +1,82 @@
+"""Do points off the member lie together on a surface of their own? A diaphragm inside a tube is a few per cent of its points, as clutter may be.
+
+Clutter is thin, and where it gathers it fills space; a surface that was scanned with the member is about as dense as the member's faces, and about
+each of its points most others lie on one sheet, or half of them on each of two. A fillet and a dent are such surfaces too, but nearer to the member
+than what counts here for most of their extent.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from scan2fea.types import FloatArray, IntArray
+
+CORNER = 0.07  # of the section's size: no fillet or rounded corner of the shipped table departs farther from sharp edges (HSS2X2X1/4: 0.068)
+_FAR = 0.25  # of a surface's points lie farther off than that
+_DENSITY = 0.25  # of the member's faces, where below it a face counts as not seen (`face_weights`)
+_LEAST, _MOST = 12, 60  # points of one sheet about a point: fewer make sheets by chance, more are thinned out
+_PLACES = 3  # of so many points that a group has at least
+_STRAY_SIGMAS = 4.0
+_CROWD = 3.0  # times as close as even clutter at least
+_SIGMAS = 30.0  # radius of a neighbourhood at least: of points that fill it 0.27 lie within the sheet below
+_THICK_SIGMAS, _BENT = 3.5, 1 / 16  # half of a sheet: noise of two points, and what a bend of eight radii shows
+_THIN = 0.5  # half of a sheet over the standard deviation of the points in it at most: of a ball a third lies within
+_ON_SHEET = 0.5  # of the points about one, and of a group's points those of which this holds
+_SHEETS, _ASKED = 2, 300  # as close as faces about a point, and points of one group, that are looked at
+
+
+def attached(local: FloatArray, off_m: FloatArray, sigma_m: float, size_m: float, per_m2: float, box_m3: float) -> int:
+    """How many of the strays, about, lie on surfaces of their own.
+
+    local : (n, 3) strays in the member's frame, metres.   off_m : (n,) distance to the member.   size_m : of the section.
+    per_m2 : points of a face of the member that was seen.   box_m3 : about all points; strays spread evenly over it are clutter.
+    """
+    each = max(1, math.ceil(_DENSITY * per_m2 * math.pi * (_SIGMAS * sigma_m) ** 2 / _MOST))
+    local, off_m, least_per_m2 = local[::each], off_m[::each], _DENSITY * per_m2 / each
+    k = max(_LEAST, math.ceil(least_per_m2 * math.pi * (_SIGMAS * sigma_m) ** 2))
+    radius = math.sqrt(k / (least_per_m2 * math.pi))
+    k = max(k, math.ceil(_CROWD * len(local) * 4 / 3 * math.pi * radius**3 / box_m3))
+    if len(local) <= k:
+        return 0
+    half = _THICK_SIGMAS * sigma_m + _BENT * radius
+    found = 0
+    for rows in _dense(local, k, radius):
+        is_far = np.mean(off_m[rows] > CORNER * size_m + _STRAY_SIGMAS * sigma_m) >= _FAR
+        if is_far and len(rows) > _PLACES * k and _is_sheet(local[rows], radius, half, k):
+            found += each * len(rows)
+    return found
+
+
+def _dense(points: FloatArray, k: int, radius: float) -> list[IntArray]:
+    """Rows of points (n, 3) that have k others within a radius, in groups that hang together by those."""
+    distance, near = (np.asarray(one) for one in cKDTree(points).query(points, k=k + 1))
+    is_dense = distance[:, -1] <= radius
+    tail, head = np.repeat(np.arange(len(points)), k), near[:, 1:].ravel()
+    both = is_dense[tail] & is_dense[head]
+    graph = csr_array((np.ones(int(both.sum())), (tail[both], head[both])), shape=(len(points), len(points)))
+    label = connected_components(graph, directed=False)[1][is_dense]
+    order = np.argsort(label, kind="stable")
+    cuts = np.flatnonzero(np.diff(label[order])) + 1
+    return np.split(np.flatnonzero(is_dense)[order], cuts) if len(order) else []
+
+
+def _is_sheet(points: FloatArray, radius: float, half: float, k: int) -> bool:
+    """Whether about most of the points (n, 3) the others within a radius lie within half a thickness of it along one direction."""
+    asked = points[:: math.ceil(len(points) / _ASKED)]
+    distance, rows = (np.asarray(one) for one in cKDTree(points).query(asked, k=min(math.ceil(_SHEETS * k / _DENSITY), len(points))))
+    near = np.asarray(distance <= radius)
+    away = points[rows] - asked[:, None]
+    sheet = near
+    wide = np.zeros(len(asked), bool)
+    for _ in range(3):
+        count = sheet.sum(axis=1)[:, None]
+        centred = (away - (away * sheet[..., None]).sum(axis=1, keepdims=True) / count[..., None]) * sheet[..., None]
+        square, axes = np.linalg.eigh(np.einsum("mki,mkj->mij", centred, centred) / count[..., None])
+        wide = half**2 <= _THIN**2 * np.sqrt(np.maximum(square[:, 1] * square[:, 2], 0.0))
+        sheet = np.asarray(near & (np.abs(np.einsum("mki,mi->mk", away, axes[:, :, 0])) <= half))
+    return bool(np.mean(wide & (sheet.sum(axis=1) >= _ON_SHEET * near.sum(axis=1))) >= _ON_SHEET)

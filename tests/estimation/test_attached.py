@@ -1,0 +1,78 @@
+"""Points off a member that lie on a surface of their own: a few per cent of them deny the member, as clutter does not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from estimation.made import made
+from scan2fea.estimation.attached import attached
+from scan2fea.estimation.explain import MAX_ATTACHED, explanation
+from scan2fea.kernel.transforms import rotation_about
+from scan2fea.simulation.member import MemberScanOptions, member_points
+
+N = 12_000
+PLATE = (0.04, 0.08, 0.0)  # m, a plate in the tube of `made.SIZES`, across it
+
+
+def scanned(family, sigma, clutter=0.0, seed=4):
+    member = made(family, sigma=sigma)
+    return member, member_points(family, member.values(), N, MemberScanOptions(noise_m=sigma, caps=True, clutter=clutter, seed=seed))
+
+
+def plate(n, sigma, size=PLATE, at=(0.0, 0.0, 0.4), seed=5):
+    """(n, 3) points of a flat rectangle."""
+    rng = np.random.default_rng(seed)
+    return np.asarray(at) + rng.uniform(-0.5, 0.5, (n, 3)) * size + rng.normal(0, sigma, (n, 3))
+
+
+def ball(n, radius, at, seed=6):
+    rng = np.random.default_rng(seed)
+    way = rng.standard_normal((n, 3))
+    return np.asarray(at) + radius * rng.random((n, 1)) ** (1 / 3) * way / np.linalg.norm(way, axis=1)[:, None]
+
+
+@pytest.mark.parametrize("sheets", [1, 2])
+def test_a_diaphragm_in_a_tube_denies_it(sheets) -> None:
+    member, points = scanned("RHS", 5e-4)
+    inside = [plate(400 // sheets, 5e-4, at=(0.0, 0.0, 0.4 + 0.006 * i), seed=i) for i in range(sheets)]
+    told = explanation(np.concatenate([points, *inside]), member, member.sigma_m)
+    assert told.attached_share == pytest.approx(400 / (N + 400), rel=0.15)
+    assert "surfaces of their own" in told.reason
+    assert explanation(points, member, member.sigma_m).attached_share == 0
+
+
+def test_a_diaphragm_of_less_than_the_limit_is_let_pass() -> None:
+    member, points = scanned("RHS", 5e-4)
+    told = explanation(np.concatenate([points, plate(100, 5e-4)]), member, member.sigma_m)
+    assert told.attached_share < MAX_ATTACHED
+    assert told.explains
+
+
+@pytest.mark.parametrize("family", ["L", "I", "C", "T", "RHS", "CHS", "rect", "round"])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_clutter_lies_on_no_surface(family, seed) -> None:
+    """Neither spread evenly, 15 % of the points, nor gathered in a ball."""
+    member, points = scanned(family, 1e-3, 0.15, seed)
+    assert explanation(points, member, member.sigma_m).attached_share < MAX_ATTACHED
+    gathered = ball(300, 0.03, (0.09, 0.02, 0.5), seed)
+    assert attached(gathered, np.full(len(gathered), 0.05), 1e-3, 0.15, N / 0.3, 0.01) == 0
+
+
+def test_what_lies_near_the_member_is_a_fillet_or_a_dent() -> None:
+    points = plate(400, 5e-4)
+    assert attached(points, np.full(400, 0.005), 5e-4, 0.12, 4e4, 0.01) == 0
+    assert attached(points, np.full(400, 0.02), 5e-4, 0.12, 4e4, 0.01) > 350
+
+
+def test_thin_points_in_wide_noise_and_few_of_them_say_nothing() -> None:
+    points = plate(400, 5e-4)
+    assert attached(points, np.full(400, 0.2), 0.01, 0.12, 4e4, 0.01) == 0
+    assert attached(points[:8], np.full(8, 0.02), 5e-4, 0.12, 4e4, 0.01) == 0
+    assert attached(np.empty((0, 3)), np.empty(0), 5e-4, 0.12, 4e4, 0.01) == 0
+
+
+def test_turned_with_the_points() -> None:
+    points, R = plate(400, 5e-4), rotation_about((1, 2, 3), 0.7)
+    off = np.full(400, 0.02)
+    assert attached(points @ R.T, off, 5e-4, 0.12, 4e4, 0.01) == attached(points, off, 5e-4, 0.12, 4e4)

@@ -75,4 +75,4 @@ def test_thin_points_in_wide_noise_and_few_of_them_say_nothing() -> None:
 def test_turned_with_the_points() -> None:
     points, R = plate(400, 5e-4), rotation_about((1, 2, 3), 0.7)
     off = np.full(400, 0.02)
-    assert attached(points @ R.T, off, 5e-4, 0.12, 4e4, 0.01) == attached(points, off, 5e-4, 0.12, 4e4)
+    assert attached(points @ R.T, off, 5e-4, 0.12, 4e4, 0.01) == attached(points, off, 5e-4, 0.12, 4e4, 0.01)

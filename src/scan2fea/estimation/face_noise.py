@@ -13,6 +13,7 @@ import math
 import numpy as np
 from scipy.special import chdtrc
 
+from scan2fea.estimation.corner_noise import doubted_for_corners
 from scan2fea.estimation.outline import edge_lengths, outline_distance
 from scan2fea.estimation.ray_noise import bias_of
 from scan2fea.estimation.swept import sweep_of_member
@@ -37,8 +38,9 @@ def doubted_for_rays(points: FloatArray, member: Member, face_weight: FloatArray
     if member.family in ROUND or member.change is not None:
         return member
     values = np.array([member.values()[name] for name in PARAMETERS[member.family]])
-    u = sweep_of_member(member).coordinates(points[sampled_rows(len(points), _POINTS, seed)])[:, :2]
-    noise = noise_of_faces(member.family, values, u, member.sigma_m)
+    local = sweep_of_member(member).coordinates(points[sampled_rows(len(points), _POINTS, seed)])
+    member = doubted_for_corners(local[(local[:, 2] > 0) & (local[:, 2] < member.values()["length"]), :2], member)
+    noise = noise_of_faces(member.family, values, local[:, :2], member.sigma_m)
     if noise is None:
         return member
     weight = np.ones(len(noise)) if face_weight is None else face_weight

@@ -22,6 +22,7 @@ from scan2fea.reconstruction.gates import in_all
 from scan2fea.reconstruction.gates_outside import GAPS_ENTERED
 from scan2fea.reconstruction.gates_round import one_region, out_of_round, rolled, round_distance
 from scan2fea.reconstruction.gates_surface import afloat, deviation, mean_curvature, stray
+from scan2fea.reconstruction.lost_holes import lost_holes
 from scan2fea.reconstruction.plane_growing import Planes, tolerance_m
 from scan2fea.reconstruction.round_cuts import Shapes
 from scan2fea.reconstruction.round_growing import CHORD
@@ -69,6 +70,8 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
     share = float(np.mean(~held))
     unexplained = UNEXPLAINED_INSIDE if GAPS_ENTERED in (check.name for check in first.checks) else UNEXPLAINED
     open_m3 = _open_m3(whole, every)
+    known = first.thickness_m[np.isfinite(first.thickness_m)]
+    wall = float(np.quantile(known, 0.25)) if len(known) else math.nan
     body, before = abs(volume(mesh)), abs(volume(first.mesh))
     cut, grown = _rims(mesh, h, sigma)
     larger = before / body - 1.0
@@ -103,7 +106,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
             flat_ends(whole, backed, h, unrolled),
             half_seen_ends(whole, backed, Sight.of(scan, first, lines=len(cloud)), h, unrolled),
             blocked_lines(scan, mesh, h, sigma),
-        ) if by_lines else ()),
+        ) if by_lines else (lost_holes(first.mesh, mesh, wall, h, sigma),)),
         bare_faces(whole, cloud.points, scan.sensors(), h),
         *empty_places(mesh, cloud.points, Sight.of(scan, first, lines=len(cloud)) if first.source == "sensors" else None),
     ]  # fmt: skip

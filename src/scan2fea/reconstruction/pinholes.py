@@ -30,6 +30,7 @@ CROSSED = 0.5  # votes of sight lines across a facet of a tet: it was seen empty
 BURIED = 0.3  # of the points of a channel may come to lie inside: noise puts points into the wall
 RADII = (1.75, 2.0, 2.25, 2.5, 2.75, WIDE)  # spacings: a larger ball leaves out more of the mouths, until channels and corners are one set
 SMOOTH = 0.5  # of the area of facets between random points is that of the wall they lie on, at least
+DOUBTED = 0.5  # the same chance: a channel with more points is a hole, one with fewer, but too many to be filled, nobody can tell
 BARE = 0.01  # chance of a wall with so few points, or of gaps so wide: a scanned bore is not filled, and no bore's mouths are gaps of a sample
 
 
@@ -61,13 +62,14 @@ def without_pinholes(
 ) -> Resolved:
     """The labels with such channels filled; those that were given where there are none. n_dark: holes that stay though no sight line passed them.
 
-    votes, source : as for `resolve`.   normals : (n, 3) of the points, where sight lines are known; None: nothing is told to be dark.
+    votes, source : as for `resolve`.   normals : (n, 3) of the points, where sight lines are known; None: holes are told by their points alone.
     """
     found = _filled(tetra, found, votes, source, spacing_m, lambda inside: _channels(tetra, inside, TIGHT * spacing_m)[0])
     dark = np.ones(len(tetra), bool) if normals is None else ~_crossed(tetra, votes.capacity)
     found = _filled(tetra, found, votes, source, spacing_m, lambda inside: dark & _by_chance(tetra, inside, spacing_m))
     if normals is None:
-        return found
+        without = _filled(tetra, found, votes, source, spacing_m, lambda inside: _by_chance(tetra, inside, spacing_m, DOUBTED, BARE**2))
+        return replace(found, n_dark=_handles(tetra, found.inside) - _handles(tetra, without.inside))
     found = _filled(tetra, found, votes, source, spacing_m, lambda inside: dark & _between_skins(tetra, inside, WIDE * spacing_m, normals))
     without = _filled(tetra, found, votes, source, spacing_m, lambda inside: dark & _channels(tetra, inside, WIDE * spacing_m)[0])
     return replace(found, n_dark=_handles(tetra, found.inside) - _handles(tetra, without.inside))
@@ -128,17 +130,18 @@ def _channels(tetra: Tetrahedralisation, inside: BoolArray, radius_m: float) -> 
     return sets.chosen((sets.n_open >= 2) & (sets.buried <= BURIED * np.maximum(sets.points, 1)), len(tetra)), number
 
 
-def _by_chance(tetra: Tetrahedralisation, inside: BoolArray, spacing_m: float) -> BoolArray:
+def _by_chance(tetra: Tetrahedralisation, inside: BoolArray, spacing_m: float, few: float = BARE, wide: float = BARE) -> BoolArray:
     """(m,) outside tets of channels with too few points for a wall of their own, whose mouths together are no wider than gaps that chance leaves.
 
-    Of n random points, one a square spacing, n (1 + s + s^2 / 2) exp(-s) pairs of gaps opposite each other have s square spacings or more together.
+    few : chance that a wall has so few points.   wide : that gaps have such mouths: of n random points, one a square spacing,
+    n (1 + s + s^2 / 2) exp(-s) pairs of gaps opposite each other have s square spacings or more together.
     """
     n, out = len(tetra.points), np.zeros(len(tetra), bool)
-    s = np.log(n / BARE)
+    s = np.log(n / wide)
     s += np.log1p(s + s * s / 2)
     for radius in RADII:
         sets = _sets(tetra, inside, radius * spacing_m)
-        bare = pdtr(sets.buried, SMOOTH * sets.walls_m2 / spacing_m**2) <= BARE
+        bare = pdtr(sets.buried, SMOOTH * sets.walls_m2 / spacing_m**2) <= few
         out |= sets.chosen((sets.n_open >= 2) & bare & (sets.mouths_m2 <= s * spacing_m**2), len(tetra))
     return out
 

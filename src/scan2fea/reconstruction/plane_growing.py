@@ -54,8 +54,10 @@ def tolerance_m(spacing_m: float, sigma_m: float) -> float:
     return SIGMAS * sigma_m + SPACINGS * spacing_m
 
 
-def grow_planes(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_m: float) -> Planes:
+def grow_planes(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_m: float, ways: FloatArray | None = None) -> Planes:
     """The planes of (n, 3) raw points with outward normals, largest first.
+
+    ways : (k, 3) directions that planes may well have, of cylinders: the ring at the end of a tube is too narrow to tell its own.
 
     Raises ReconstructionError beyond MOST_PLANES: a curved face falls into ever more of them.
     """
@@ -76,7 +78,8 @@ def grow_planes(points: FloatArray, normals: FloatArray, spacing_m: float, sigma
             break
         plane = grown_plane(among, int(seed), free, spacing_m, off)
         if plane is not None and sigma_m > EXACT:
-            plane = _turned(among, near, int(seed), free, off, plane, planes)
+            known = np.array([p.normal for p in planes]).reshape(-1, 3)
+            plane = _turned(among, near, int(seed), free, off, plane, known if ways is None else np.vstack([ways, known]))
         own = np.zeros(len(points), bool) if plane is None else own_points(points, normals, plane, off) & free
         if plane is None or own.sum() < LEAST_POINTS or not own[seed]:
             failures += 1
@@ -113,10 +116,10 @@ def grown_plane(among: Among, seed: int, free: BoolArray, spacing_m: float, off:
     return plane
 
 
-def _turned(among: Among, near: IntArray, seed: int, free: BoolArray, off: float, plane: Plane, planes: list[Plane]) -> Plane:
-    """The plane, or one along a direction that planes found before give, if that holds nearly as many points: a plane may tilt to catch others."""
+def _turned(among: Among, near: IntArray, seed: int, free: BoolArray, off: float, plane: Plane, known: FloatArray) -> Plane:
+    """The plane, or one along a direction that (k, 3) known ones give, if that holds nearly as many points: a plane may tilt to catch others."""
     wanted = TURNED_HOLDS * len(among.near(seed, free, plane, off, OWN_SIDE))
-    for way in near_ways(np.array([p.normal for p in planes]).reshape(-1, 3), plane.normal)[:WAYS_TRIED]:
+    for way in near_ways(known, plane.normal)[:WAYS_TRIED]:
         turned = Plane(normal=way, offset=float(np.median(among.points[near[seed]] @ way)))
         for _ in range(2):
             own = among.near(seed, free, turned, off, OWN_SIDE)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scan2fea.errors import ReconstructionError, require
+from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_normals
 from scan2fea.kernel.surfaces import Surface
 from scan2fea.reconstruction.bores import LEAST_POINTS, is_same, wall_bores
@@ -19,6 +20,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 EXPLAINED = 0.8  # of a cylinder's points lie on planes or larger cylinders: normals blended along an edge turn as round ones do
 FACES_OFF = 0.5  # spacings that faces of a first surface lie off the cylinder they are of, besides the noise: chords between points
 FACES_LEAN = 0.3  # cosine
+TAIL = 2.0  # times how far points may lie off their cylinder: so far the noise still throws one of thousands
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -119,13 +121,21 @@ def planes_beside(points: FloatArray, first: Reconstruction, rounds: Rounds) -> 
     h, sigma = first.spacing_m, first.sigma_m
     known = first.thickness_m[np.isfinite(first.thickness_m)]
     wall = float(np.quantile(known, 0.25)) if len(known) else float("nan")
-    rest = np.flatnonzero(rounds.label < 0) if len(rounds) else np.arange(len(points))
-    mesh = beside(first.mesh, rounds, h, sigma) if len(rounds) else first.mesh
-    require(len(rest) >= LEAST_POINTS and len(mesh.faces), ReconstructionError, "the points lie on cylinders alone: no plane ends them")
-    planes = grow_planes(points[rest], first.normals[rest], h, sigma)
+    mesh, rest = first.mesh, np.arange(len(points))
+    rows = rest
     if len(rounds):
-        axes = np.array([surface.axis for surface in rounds.surfaces])
-        planes = with_strips(points[rest], planes, mesh, wall, h, sigma, axes)
+        is_beside = beside(mesh, rounds, h, sigma)
+        on_beside = is_beside[PointToMesh(mesh).nearest(points).face]
+        tail = nearest_round(points, first.normals, rounds.surfaces, TAIL * off_round_m(h, sigma)) >= 0
+        rest = np.flatnonzero((rounds.label < 0) & (on_beside | ~tail))
+        rows = np.concatenate([rest, np.flatnonzero((rounds.label >= 0) & on_beside)])
+        mesh = TriangleMesh(vertices=mesh.vertices, faces=mesh.faces[is_beside])
+    require(len(rest) >= LEAST_POINTS and len(mesh.faces), ReconstructionError, "the points lie on cylinders alone: no plane ends them")
+    axes = np.array([surface.axis for surface in rounds.surfaces]).reshape(-1, 3)
+    planes = grow_planes(points[rest], first.normals[rest], h, sigma, axes)
+    if len(rounds):
+        given = replace(planes, label=np.append(planes.label, np.full(len(rows) - len(rest), -1)))
+        planes = with_strips(points[rows], given, mesh, wall, h, sigma, axes)
         least = 1
     else:
         require(len(planes) >= 3, ReconstructionError, f"the points lie on {len(planes)} planes: they are no solid of flat faces")
@@ -134,18 +144,18 @@ def planes_beside(points: FloatArray, first: Reconstruction, rounds: Rounds) -> 
     says = f"the points would need {len(planes)} planes ({least} to {MOST_PLANES}): they are no solid of flat faces"
     require(least <= len(planes) <= MOST_PLANES, ReconstructionError, says)
     label = np.full(len(points), -1, np.int64)
-    label[rest] = planes.label
+    label[rest] = planes.label[: len(rest)]  # what a cylinder has stays its own
     return replace(planes, label=label)
 
 
-def beside(mesh: TriangleMesh, rounds: Rounds, spacing_m: float, sigma_m: float) -> TriangleMesh:
-    """The faces of a first surface that are of no cylinder."""
+def beside(mesh: TriangleMesh, rounds: Rounds, spacing_m: float, sigma_m: float) -> BoolArray:
+    """(f,) the faces of a first surface that are of no cylinder."""
     middle, normals = mesh.vertices[mesh.faces].mean(axis=1), face_normals(mesh)
     of: BoolArray = np.zeros(len(middle), bool)
     for surface in rounds.surfaces:
         near = np.abs(surface.distance(middle)) <= FACES_OFF * spacing_m + sigma_m
         of |= near & (np.einsum("ij,ij->i", surface.normals(middle), normals) >= FACES_LEAN)
-    return TriangleMesh(vertices=mesh.vertices, faces=mesh.faces[~of])
+    return ~of
 
 
 def moved_planes(planes: Planes, every: Planes) -> Planes:

@@ -24,6 +24,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 BESIDE = 0.1  # spacings a face may lie off a plane that it belongs to, besides the noise
 LEANS = np.cos(np.radians(35.0))
 SNAP = np.cos(np.radians(20.0))  # to a direction that the known planes give
+TURNED_IN = np.cos(np.radians(45.0))  # of the faces of a strip between two faces of a tube: the first surface rounds both its edges
 ALIKE_DEG = 3.0
 DEPTH = 0.5  # spacings a strip's faces may lie off its plane, besides the noise
 LEAST_AREA = 4.0  # square spacings of a strip
@@ -61,11 +62,25 @@ def with_strips(
     left = _left(points, planes, mesh, wall_m, spacing_m, sigma_m)
     ways = _ways(planes.normal if axes is None else np.vstack([planes.normal, axes]))
     depth = DEPTH * spacing_m + 2.0 * sigma_m
-    free = np.ones(len(left.area), bool)
-    snaps = (left.direction @ ways.T >= SNAP * left.length[:, None]).any(axis=1) if len(ways) else np.zeros(len(left.length), bool)
-    label = planes.label.copy()
+    label, free = planes.label.copy(), np.ones(len(left.area), bool)
     found: list[Plane] = []
     spread: list[float] = []
+
+    def take(plane: Plane, own: BoolArray, on: IntArray) -> None:
+        free[own] = False
+        label[on] = len(planes) + len(found)
+        found.append(plane)
+        spread.append(max(sigma_m, plane.rms_m) / np.sqrt(max(1, len(on))))
+
+    for way in () if axes is None else (*axes, *-axes):
+        while (own := _rim_along(left, way, free, depth, LEAST_AREA * spacing_m**2)) is not None:
+            rows = left.point[own[left.point_face]]
+            plane = _at_rim(points, rows, left, own, way, spacing_m, sigma_m) if len(rows) >= LEAST_POINTS else None
+            if plane is None:
+                free[own] = False
+                continue
+            take(plane, own, rows[np.abs(plane.distance(points[rows])) <= tolerance_m(spacing_m, sigma_m)])
+    snaps = (left.direction @ ways.T >= SNAP * left.length[:, None]).any(axis=1) if len(ways) else np.zeros(len(left.length), bool)
     for seed in np.lexsort((-left.length * left.area, ~snaps)):  # directions that the planes give come first
         if not free[seed] or len(found) >= MOST:
             continue
@@ -80,10 +95,7 @@ def with_strips(
         on = rows[np.abs(plane.distance(points[rows])) <= tolerance_m(spacing_m, sigma_m)]
         if not (ways @ plane.normal > EXACTLY).any() and not _is_needed(points[on], [*planes_of(planes), *found], spacing_m, sigma_m, NEEDED):
             continue
-        free &= ~own
-        label[on] = len(planes) + len(found)
-        found.append(plane)
-        spread.append(max(sigma_m, plane.rms_m) / np.sqrt(max(1, len(on))))
+        take(plane, own, on)
     if not found:
         return planes
     every = Planes(
@@ -233,6 +245,30 @@ def _own(
     for k in range(count):
         total += area[alike[k]] if own[alike[k]] else 0.0
     return own, total
+
+
+def _rim_along(left: _Left, way: FloatArray, free: BoolArray, depth: float, least: float) -> BoolArray | None:
+    """The free faces that look along a direction, within `depth` of where their area is greatest; None where this is less than `least`."""
+    rows = np.flatnonzero(free & (left.direction @ way >= TURNED_IN * left.length))
+    height = left.middle[rows] @ way
+    order = np.argsort(height, kind="stable")
+    rows, height = rows[order], height[order]
+    until = np.append(0.0, np.cumsum(left.area[rows]))
+    area = until[np.searchsorted(height, height + 2.0 * depth, side="right")] - until[:-1]
+    if not len(rows) or area.max() < least:
+        return None
+    best = height[int(np.argmax(area))]
+    own = np.zeros(len(free), bool)
+    own[rows[(height >= best) & (height <= best + 2.0 * depth)]] = True
+    return own
+
+
+def _at_rim(points: FloatArray, rows: IntArray, left: _Left, own: BoolArray, way: FloatArray, spacing_m: float, sigma_m: float) -> Plane | None:
+    """The plane square to a known direction on which a strip's points lie; None where too few do."""
+    start = float(np.average(left.middle[own] @ way, weights=left.area[own]))
+    plane = Plane(normal=way, offset=rim_offset(points[rows] @ way, start, spacing_m, sigma_m))
+    held = np.abs(plane.distance(points[rows])) <= tolerance_m(spacing_m, sigma_m)
+    return plane if held.sum() >= max(LEAST_POINTS, BACKED * float(left.area[own].sum()) / spacing_m**2) else None
 
 
 def _ways(normals: FloatArray) -> FloatArray:

@@ -19,6 +19,7 @@ from scan2fea.reconstruction.empty_places import EMPTY_PLACES
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.gates import failed, in_all
 from scan2fea.reconstruction.gates_planar import DIFFER, RIM_CUT
+from scan2fea.reconstruction.lost_holes import LOST_HOLES, holes_apart
 from scan2fea.reconstruction.sight import Sight, blocked_lines
 from scan2fea.reconstruction.visibility import Reconstruction
 from scan2fea.reconstruction.wall_ends import LIMIT
@@ -26,6 +27,8 @@ from scan2fea.types import Check, FloatArray, Scan, TriangleMesh
 
 # of these none is about where points lie
 WHERE = frozenset({DIFFER, HIDDEN_VOLUME, WALL_ENDS, BARE_FACES, EMPTY_PLACES, UNSEEN_WALLS, VOLUME_IN_DOUBT, "unmeasured area"})
+# of these each may come of points on the wall of a hole that the faces close
+OF_LOST_HOLES = WHERE | {LOST_HOLES, "points beside flat faces", "deviation p95", "stray points", "points afloat inside"}
 CUT = math.sqrt(RIM_CUT)  # spacings that a square edge lies before the chord which cuts RIM_CUT square spacings off it
 SENSORS, FLOOD = "sensors", "outside flood"  # what told the outside
 PLACES = 4000  # in the flat solid: 2 % of them are known to 0.2
@@ -43,10 +46,21 @@ def contradicted(scan: Scan, found: Reconstruction, flats: Sequence[Reconstructi
     holding = [flat for flat in flats if WHERE.issuperset(check.name for check in failed(flat.checks))]
     if found.source == SENSORS:
         holding = [flat for flat in holding if blocked_lines(scan, flat.mesh, found.spacing_m, found.sigma_m).passed]
+    found = replace(found, checks=(*found.checks, *_holes(found, flats)))
     told = [apart(scan, found, flat.mesh, seed) for flat in holding]
     if not told:
         return found
     return _with(found, max(told, key=lambda check: float(check.value or 0.0)))
+
+
+def _holes(found: Reconstruction, flats: Sequence[Reconstruction]) -> tuple[Check, ...]:
+    """Where no sight lines are known: narrow holes that a solid of flat faces closes beside those it has lost."""
+    told = []
+    for flat in flats if found.source == FLOOD else ():
+        against = {check.name: check.value for check in failed(flat.checks)}
+        if LOST_HOLES in against and OF_LOST_HOLES.issuperset(against):
+            told.append(holes_apart(found.mesh, flat.mesh, round(float(against[LOST_HOLES] or 0.0))))
+    return (max(told, key=lambda check: float(check.value or 0.0)),) if told else ()
 
 
 def against_free(scan: Scan, flat: Reconstruction, free: Reconstruction, seed: int = 0) -> Reconstruction:

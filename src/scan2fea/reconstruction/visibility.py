@@ -229,7 +229,8 @@ def _unseen(
     flood = answer.flood
     facts = {**how, "ball_m": flood.ball_m, "leak_share": flood.leak_share, "n_cavities": flood.n_cavities, "n_answers": answer.n_tried}
     facts.update(scans_apart(answer.evidence.between_m))
-    found = _result(answer.carved, spacing(cloud.points, options.seed), answer.evidence.sigma_m, "outside flood", sensor, answer.checks, facts)
+    checks = (*answer.checks, *dark_holes(answer.carved.resolved.n_dark))
+    found = _result(answer.carved, spacing(cloud.points, options.seed), answer.evidence.sigma_m, "outside flood", sensor, checks, facts)
     return _first_rows(replace(found, ends=_ends(answer.checks, answer.evidence)), len(cloud))
 
 

@@ -79,7 +79,7 @@ def test_a_dozen_points_of_a_bore_tell_its_circle_and_a_solid_wall_tells_none():
         planes = grow_planes(scan.cloud.points, normals, 0.007, 0.0006)
         found = wall_bores(scan.cloud.points, planes, 0.007, 0.0006)
         assert len(found) == wanted
-        for surface in found:
+        for surface in (bore.surface for bore in found):
             assert surface.radius == pytest.approx(0.014, abs=0.0008) and surface.sense == -1
 
 

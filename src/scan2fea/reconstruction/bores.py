@@ -6,13 +6,14 @@ the hole is (`empty_places`), and points between the faces then tell centre and 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from scan2fea.kernel.surfaces import CYLINDER, Surface, fitted
-from scan2fea.reconstruction.empty_places import FACING, empty_circles
+from scan2fea.reconstruction.empty_circles import FACING, empty_circles
 from scan2fea.reconstruction.plane_growing import Planes
 from scan2fea.reconstruction.round_growing import off_round_m, radius_std
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
@@ -49,18 +50,49 @@ class Near(Value):
         return np.asarray(rows[np.linalg.norm(self.places[rows] - middle, axis=1) >= inner])
 
 
-def wall_bores(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: float) -> list[Surface]:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Bore(Value):
+    """surface : the hole.   wall : (k, 3) points on it, those between the two faces that tell it.   depth_m : from one of these to the other.
+
+    around : sectors of AROUND in which that of the two with fewer has points beside the hole.
+    """
+
+    surface: Surface
+    wall: FloatArray
+    depth_m: float
+    around: int
+
+
+def wall_bores(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: float) -> list[Bore]:
     """Round holes between parallel faces of walls, those of most points first. points : (n, 3) raw, in the rows of planes.label."""
-    found: list[tuple[int, Surface]] = []
+    return distinct(every_bore(points, planes, spacing_m, sigma_m))
+
+
+def every_bore(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: float, deepest_m: float = math.inf, held: float = 0.0) -> list[Bore]:
+    """As `wall_bores`, each as every pair of faces tells it that lie at most `deepest_m` apart.
+
+    held : of the points due on the wall of a hole as wide as the empty circle: where less lies in it and on it, it is not looked at.
+    """
+    found: list[Bore] = []
     for i in range(len(planes)):
         for j in range(i + 1, len(planes)):
-            if planes.normal[i] @ planes.normal[j] < FACING and planes.offset[i] + planes.offset[j] > 0:
-                found += _between(points, planes, i, j, spacing_m, sigma_m)
-    kept: list[Surface] = []
-    for _, surface in sorted(found, key=lambda item: -item[0]):
-        if not any(is_same(surface, other) for other in kept):
-            kept.append(surface)
+            if planes.normal[i] @ planes.normal[j] < FACING and 0 < _apart_m(points, planes, i, j) <= deepest_m:
+                found += _between(points, planes, i, j, spacing_m, sigma_m, held)
+    return found
+
+
+def distinct(bores: list[Bore]) -> list[Bore]:
+    """Of bores that overlap the one with most points."""
+    kept: list[Bore] = []
+    for bore in sorted(bores, key=lambda bore: -len(bore.wall)):
+        if not any(is_same(bore.surface, other.surface) for other in kept):
+            kept.append(bore)
     return kept
+
+
+def _apart_m(points: FloatArray, planes: Planes, i: int, j: int) -> float:
+    """How far plane j lies behind plane i, under the points of this one."""
+    return -float(planes.plane(j).distance(points[planes.label == i]).mean())
 
 
 def is_same(one: Surface, other: Surface) -> bool:
@@ -71,7 +103,7 @@ def is_same(one: Surface, other: Surface) -> bool:
     return bool(alike and abs(one.axis @ other.axis) > ALONG and across < max(one.radius, other.radius))
 
 
-def _between(points: FloatArray, planes: Planes, i: int, j: int, spacing_m: float, sigma_m: float) -> list[tuple[int, Surface]]:
+def _between(points: FloatArray, planes: Planes, i: int, j: int, spacing_m: float, sigma_m: float, held: float) -> list[Bore]:
     plane = planes.plane(i)
     axes = plane.axes()
     on = (planes.label == i) | (planes.label == j)
@@ -84,8 +116,12 @@ def _between(points: FloatArray, planes: Planes, i: int, j: int, spacing_m: floa
         return []
     density = 2.0 * _density(points[planes.label == i] @ axes.T, spacing_m)
     large = np.flatnonzero(np.pi * density * radius**2 >= EMPTY)
-    near_flat, wall, out = Near.of(flat), points[between], list[tuple[int, Surface]]()
-    near_wall = Near.of(wall @ axes.T)
+    near_flat, wall, out = Near.of(flat), points[between], list[Bore]()
+    near_wall, faces = Near.of(wall @ axes.T), [Near.of(points[planes.label == k] @ axes.T) for k in (i, j)]
+    if held:
+        due = 2.0 * math.pi * radius[large] * max(0.0, _apart_m(points, planes, i, j) - 2.0 * CLEAR * sigma_m) / spacing_m**2
+        within = near_wall.tree.query_ball_point(middle[large], radius[large] + off_round_m(spacing_m, sigma_m), return_length=True)
+        large = large[np.asarray(within) >= held * due]
     is_free = np.ones(len(middle), bool)  # of the circles taken before
     for k in large[np.argsort(-radius[large], kind="stable")]:
         if not is_free[k] or not _around(near_flat, middle[k], radius[k]):
@@ -96,7 +132,9 @@ def _between(points: FloatArray, planes: Planes, i: int, j: int, spacing_m: floa
         )
         hole = _fitted(start, wall, near_wall, is_deep, near_flat, axes, spacing_m, sigma_m)
         if hole is not None:
-            out.append(hole)
+            centre, wide = hole[0].point @ axes.T, WIDE * hole[0].radius
+            around = min(len(_sectors(own.places[own.within(centre, wide)] - centre)) for own in faces)
+            out.append(Bore(surface=hole[0], wall=hole[1], depth_m=-float(planes.plane(j).distance(start.point[None])[0]), around=around))
     return out
 
 
@@ -117,7 +155,7 @@ def _sectors(across: FloatArray) -> FloatArray:
 
 def _fitted(
     start: Surface, wall: FloatArray, near: Near, is_deep: BoolArray, flat: Near, axes: FloatArray, spacing_m: float, sigma_m: float
-) -> tuple[int, Surface] | None:
+) -> tuple[Surface, FloatArray] | None:
     """The cylinder through points between the faces that lie in and at an empty circle; None where they tell no circle."""
     off, along = off_round_m(spacing_m, sigma_m), np.array([True, True, False, False, True])
     surface, before = start, np.zeros(0, np.int64)
@@ -131,7 +169,8 @@ def _fitted(
         if fit is None or not 0.3 * start.radius < fit.radius < 1.3 * start.radius:
             return None
         surface, before = fit, own
-    return (len(own), surface) if is_deep[own].sum() >= LEAST_DEEP and _is_hole(surface, wall[own], near, flat, axes, off, sigma_m) else None
+    is_told = is_deep[own].sum() >= LEAST_DEEP and _is_hole(surface, wall[own], near, flat, axes, off, sigma_m)
+    return (surface, wall[own]) if is_told else None
 
 
 def _is_hole(surface: Surface, own: FloatArray, wall: Near, flat: Near, axes: FloatArray, off: float, sigma_m: float) -> bool:

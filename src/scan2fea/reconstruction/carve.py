@@ -46,12 +46,14 @@ def carve(
     prior: Prior | None = None,
     quality_weight: float = 0.3,
     seed: int = 0,
+    kept: Callable[[Tetrahedralisation], BoolArray] | None = None,
 ) -> Carved:
     """The surface of the solid under the points.
 
     points : (n, 3) raw.   normals : (n, 3) outward.   sensors : (n, 3) where each point was seen from; a nan row gets a pseudo-sensor in
     front of it, nearer than half of the gap there.   sigma_m : noise of the points.   between_m : the part of it that is of the places
-    of their scans.   prior : votes for outside (m,) of the tets it is given (those of the denoised points).   Raises ReconstructionError.
+    of their scans.   prior : votes for outside (m,) of the tets it is given (those of the denoised points).
+    kept : those of them that are no channel to fill.   Raises ReconstructionError.
     """
     clean = denoise(points, normals, spacing_m, sigma_m, between_m)
     thickness = wall_depth(clean.points, clean.normals, spacing_m, REACH * spacing_m)
@@ -62,7 +64,8 @@ def carve(
     labels = cut(tetra, votes, spacing_m, extra, quality_weight)
     source = votes.source if extra is None else votes.source + extra
     resolved = resolve(tetra, labels.inside, votes.capacity, source, votes.sink, spacing_m)
-    resolved = without_pinholes(tetra, resolved, votes, source, spacing_m, clean.normals if np.isfinite(sensors).any() else None)
+    seen = clean.normals if np.isfinite(sensors).any() else None
+    resolved = without_pinholes(tetra, resolved, votes, source, spacing_m, seen, None if kept is None else kept(tetra))
     mesh, vertex_point = boundary(tetra, resolved.inside)
     return Carved(
         mesh=mesh,

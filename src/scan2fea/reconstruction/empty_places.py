@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import label
 from scipy.optimize import brentq
-from scipy.spatial import Delaunay, QhullError, cKDTree
+from scipy.spatial import cKDTree
 
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_areas, face_normals, volume
@@ -23,6 +23,7 @@ from scan2fea.kernel.primitives import Plane
 from scan2fea.kernel.rays import RayScene, first_hits, scene_of
 from scan2fea.reconstruction.blurred_faces import from_outline
 from scan2fea.reconstruction.budget import UNSEEN_WALLS
+from scan2fea.reconstruction.empty_circles import FACING, empty_circles
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.hidden_volume import LIMIT
 from scan2fea.reconstruction.sight import Sight
@@ -30,7 +31,6 @@ from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh,
 
 EMPTY_PLACES = "empty places in flat walls"
 CHANCE = 0.0025  # that random points leave a place so bare anywhere on the part
-FACING = -0.99  # cosine between the two faces of a wall
 LEAST_POINTS = 12  # of a face
 LOOKS = 200  # places of a face that are asked for what lies behind it
 WITHIN = 0.8  # of a circle's radius: how far it stays from the outline, beside which points are missing for want of neighbours
@@ -208,21 +208,6 @@ def _plane(mesh: TriangleMesh, own: BoolArray, normals: FloatArray) -> Plane:
 
 def _hair(mesh: TriangleMesh) -> float:
     return HAIR * float(np.linalg.norm(np.ptp(mesh.vertices, axis=0)))
-
-
-def empty_circles(flat: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Middles (m, 2) and radii (m,) of the circles through three of the points (n, 2) that hold no other."""
-    try:
-        corners = flat[Delaunay(flat).simplices]
-    except QhullError:
-        return np.zeros((0, 2)), np.zeros(0)
-    a, u, v = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    twice = 2.0 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
-    kept = np.abs(twice) > 1e-12 * (u**2).sum(axis=1)
-    a, u, v, twice = a[kept], u[kept], v[kept], twice[kept]
-    uu, vv = (u**2).sum(axis=1), (v**2).sum(axis=1)
-    off = np.stack([v[:, 1] * uu - u[:, 1] * vv, u[:, 0] * vv - v[:, 0] * uu], axis=1) / twice[:, None]
-    return a + off, np.linalg.norm(off, axis=1)
 
 
 def _under(scene: RayScene, places: FloatArray, normal: FloatArray, hair: float) -> IntArray:

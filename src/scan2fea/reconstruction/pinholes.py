@@ -58,17 +58,25 @@ class _Sets(Value):
 
 
 def without_pinholes(
-    tetra: Tetrahedralisation, found: Resolved, votes: Votes, source: FloatArray, spacing_m: float, normals: FloatArray | None = None
+    tetra: Tetrahedralisation,
+    found: Resolved,
+    votes: Votes,
+    source: FloatArray,
+    spacing_m: float,
+    normals: FloatArray | None = None,
+    bores: BoolArray | None = None,
 ) -> Resolved:
     """The labels with such channels filled; those that were given where there are none. n_dark: holes that stay though no sight line passed them.
 
     votes, source : as for `resolve`.   normals : (n, 3) of the points, where sight lines are known; None: holes are told by their points alone.
+    bores : (m,) tets that are not filled, or None.
     """
-    found = _filled(tetra, found, votes, source, spacing_m, lambda inside: _channels(tetra, inside, TIGHT * spacing_m)[0])
-    dark = np.ones(len(tetra), bool) if normals is None else ~_crossed(tetra, votes.capacity)
+    free = np.ones(len(tetra), bool) if bores is None else ~bores
+    found = _filled(tetra, found, votes, source, spacing_m, lambda inside: free & _channels(tetra, inside, TIGHT * spacing_m)[0])
+    dark = free if normals is None else free & ~_crossed(tetra, votes.capacity)
     found = _filled(tetra, found, votes, source, spacing_m, lambda inside: dark & _by_chance(tetra, inside, spacing_m))
     if normals is None:
-        without = _filled(tetra, found, votes, source, spacing_m, lambda inside: _by_chance(tetra, inside, spacing_m, DOUBTED, BARE**2))
+        without = _filled(tetra, found, votes, source, spacing_m, lambda inside: free & _by_chance(tetra, inside, spacing_m, DOUBTED, BARE**2))
         return replace(found, n_dark=_handles(tetra, found.inside) - _handles(tetra, without.inside))
     found = _filled(tetra, found, votes, source, spacing_m, lambda inside: dark & _between_skins(tetra, inside, WIDE * spacing_m, normals))
     without = _filled(tetra, found, votes, source, spacing_m, lambda inside: dark & _channels(tetra, inside, WIDE * spacing_m)[0])

@@ -7,7 +7,7 @@ planes alone. Creases and corners are where planes meet: exact without noise, an
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,11 +21,13 @@ from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.primitives import Plane
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction.blurred_faces import placed
+from scan2fea.reconstruction.bores import Bore
 from scan2fea.reconstruction.flat_gaps import over_walls
 from scan2fea.reconstruction.flat_solid import flat_solid
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.gates_planar import DIFFER, gates_planar
 from scan2fea.reconstruction.gates_round import one_region, rolled
+from scan2fea.reconstruction.lost_bores import closed_bores
 from scan2fea.reconstruction.plane_growing import Planes
 from scan2fea.reconstruction.regular import EXACT
 from scan2fea.reconstruction.round_cuts import Shapes, cut_round, shapes
@@ -107,11 +109,14 @@ def flattened(scan: Scan, first: Reconstruction, seed: int = 0, by_lines: bool =
     return replace(first, mesh=form.mesh, checks=checks, how=facts, residual_m=std)
 
 
-def served(scan: Scan, first: Reconstruction, seed: int = 0) -> tuple[Reconstruction, tuple[Reconstruction, ...]]:
+def served(
+    scan: Scan, first: Reconstruction, seed: int = 0, bores: Sequence[Bore] = ()
+) -> tuple[Reconstruction, tuple[Reconstruction, ...]]:
     """Flat and round faces where they explain the points and close; else the first surface, with the reason in `how`. And those that were refused.
 
     Cylinders are looked for where planes alone do not serve. Where sensors are known and the first surface is refused, or differs from a flat solid
     that nothing else speaks against, what is hidden has led it astray: then sight lines label the cells in its place, before any cylinder is tried.
+    bores : that the points tell: planes alone close those of few points.
     """
     seen, by_lines = first.source == "sensors", bool(failed(first.checks))
     why = ""
@@ -132,6 +137,7 @@ def served(scan: Scan, first: Reconstruction, seed: int = 0) -> tuple[Reconstruc
             except ReconstructionError as error:
                 why = str(error)
                 continue
+            flat = flat if failed(flat.checks) else replace(flat, checks=(*flat.checks, closed_bores(bores, flat.mesh)))
             against = failed(flat.checks)
             if not against:
                 return flat, tuple(refused)

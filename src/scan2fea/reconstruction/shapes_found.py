@@ -59,7 +59,8 @@ def rounds_of(points: FloatArray, first: Reconstruction) -> Rounds:
         return grown
     number = np.full(len(points), -1, np.int64)
     number[rest] = planes.label
-    bores = wall_bores(points, replace(planes, label=number), h, sigma)  # along the directions of the faces, which a dozen points cannot tell
+    # along the directions of the faces, which a dozen points cannot tell
+    bores = [bore.surface for bore in wall_bores(points, replace(planes, label=number), h, sigma)]
     found = [*(surface for surface in grown.surfaces if not any(is_same(surface, bore) for bore in bores)), *bores]
     label = _given(points, first.normals, found, planes, h, sigma)
     kept = [k for k in range(len(found)) if np.sum(label == k) >= LEAST_POINTS]

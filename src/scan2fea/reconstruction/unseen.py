@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from scan2fea.errors import ReconstructionError
 from scan2fea.kernel.delaunay import Tetrahedralisation
+from scan2fea.reconstruction.bores import Bore
 from scan2fea.reconstruction.budget import WALL_ENDS
 from scan2fea.reconstruction.carve import Carved, carve, gaps
 from scan2fea.reconstruction.evidence import Ends
 from scan2fea.reconstruction.flooding import Setting
 from scan2fea.reconstruction.gates import Evidence, Unseen, failed, gates_unseen
 from scan2fea.reconstruction.gates_outside import GAPS_ENTERED
+from scan2fea.reconstruction.lost_bores import WHOLE, closed_bores, facing_axis, in_bores, told_bores
 from scan2fea.reconstruction.outside import Flood, OutsideOptions, entered, floods, prepare
 from scan2fea.reconstruction.wall_ends import unseen_ends
 from scan2fea.reconstruction.winding import fitted, polish
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, Value
 
 FLOOD_SOURCE = 2.0  # votes of a tet the ball reaches among the denoised points
+BY_BORES = ("points afloat inside", "stray points")  # what points on the walls of bores that are closed fail
 BALL_AGAIN = 1.1  # the ball that rolls among the denoised points, against the first
 
 
@@ -68,7 +72,35 @@ def unseen(
             ends = (*ends, unseen_ends(answer.evidence))
     if best is None:
         raise ReconstructionError(f"no surface in {n} attempts without sensor positions ({reason}): give the sensor position")
+    if {check.name for check in failed(best.checks)} <= {GAPS_ENTERED, *BY_BORES}:
+        return _with_bores(points, is_inferred, n_hidden, sensors, ends, frame, best, setting.spacing_m, quality_weight, options.seed)
     return best
+
+
+def _with_bores(
+    points: FloatArray,
+    is_inferred: BoolArray | None,
+    n_hidden: int,
+    sensors: FloatArray | None,
+    ends: tuple[Ends, ...],
+    frame: IntArray | None,
+    found: Answer,
+    spacing_m: float,
+    quality_weight: float,
+    seed: int,
+) -> Answer:
+    """The answer again with bores open that no ball enters and whose walls were scanned; that which was found where none is closed."""
+    bores = told_bores(points, found.evidence.normals, spacing_m, found.evidence.sigma_m)
+    if closed_bores(bores, found.carved.mesh).passed:
+        return found
+    try:
+        again = _answer(
+            points, is_inferred, n_hidden, sensors, ends, frame, found.flood, spacing_m, quality_weight, seed, found.n_tried, tuple(bores)
+        )
+    except ReconstructionError:  # the first surface is one, and is told to close them
+        return found
+    opened = closed_bores(bores, again.carved.mesh).passed and len(failed(again.checks)) <= len(failed(found.checks))
+    return again if opened else found
 
 
 def _answer(
@@ -83,19 +115,25 @@ def _answer(
     quality_weight: float,
     seed: int,
     n: int,
+    bores: tuple[Bore, ...] = (),
 ) -> Answer:
     polished = polish(points, flood.signed, spacing_m)
     normals, sigma, between = fitted(points, polished, spacing_m, frame)
+    for bore in bores:
+        normals = facing_axis(bore, points, normals, spacing_m, sigma)
 
     ball = BALL_AGAIN * flood.ball_m
     open_space: list[BoolArray] = []
 
     def prior(tetra: Tetrahedralisation) -> FloatArray:
         open_space.append(entered(Setting.of(tetra, normals, spacing_m), ball, flood))
-        return np.where(open_space[-1], FLOOD_SOURCE, 0.0)
+        return np.where(open_space[-1] | in_bores(bores, tetra), FLOOD_SOURCE, 0.0)
 
     blind = np.full_like(points, np.nan)
-    carved = carve(points, normals, blind, spacing_m, sigma, between_m=between, prior=prior, quality_weight=quality_weight, seed=seed)
+    carved = carve(
+        points, normals, blind, spacing_m, sigma, between_m=between, prior=prior, quality_weight=quality_weight, seed=seed,
+        kept=partial(in_bores, bores, share=WHOLE),
+    )  # fmt: skip
     evidence = Evidence(
         points=points,
         mesh=carved.mesh,

@@ -1,0 +1,71 @@
+"""What was scanned and the solid lacks: bores that it closes, and pieces of the part far off it."""
+
+import numpy as np
+import pytest
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from predicates import moved, rotation
+from scan2fea.reconstruction.lost_bores import closed_bores, facing_axis, told_bores
+from scan2fea.reconstruction.lost_crowds import LEAST, largest_by_chance, lost_crowds
+from scan2fea.simulation.shapes import bracket
+from scanned import scanned
+
+H, NOISE = 0.0045, 0.0012  # points of a plate, m
+HOLES = [("a", 0.05, 0.04, 0.009), ("a", 0.09, 0.04, 0.009)]
+POSE, AT = rotation(3), np.array([1.2, -0.4, 0.7])
+PART, WHOLE = (moved(bracket(0.14, 0.09, 0.0135, 0.08, holes, 0.0002), POSE, AT) for holes in (HOLES, []))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_bores_of_two_spacings_are_told_by_their_points_and_a_solid_that_lacks_them_is_refused(seed):
+    scan, _, normals = scanned(PART, H, NOISE, seed=seed)
+    bores = told_bores(scan.cloud.points, normals, H, NOISE)
+    assert sorted(bore.surface.radius for bore in bores) == pytest.approx([0.009, 0.009], rel=0.1)
+    assert closed_bores(bores, PART).passed
+    refused = closed_bores(bores, WHOLE)
+    assert not refused.passed and refused.value == 2.0 and "bores" in refused.says
+
+
+@pytest.mark.parametrize("noise", [0.0, NOISE, 2 * NOISE])
+def test_a_whole_wall_tells_no_bore(noise):
+    scan, _, normals = scanned(WHOLE, H, noise, seed=4)
+    assert told_bores(scan.cloud.points, normals, H, noise) == []
+    assert closed_bores([], WHOLE).passed
+
+
+def test_normals_on_the_wall_of_a_bore_face_its_axis_and_the_others_stay():
+    scan, _, normals = scanned(PART, H, NOISE, seed=2)
+    bores = told_bores(scan.cloud.points, normals, H, NOISE)
+    given = normals.copy()
+    turned = facing_axis(bores[0], scan.cloud.points, -normals, H, NOISE)
+    assert np.array_equal(normals, given)
+    own = (turned != -normals).any(axis=1)
+    assert own.sum() >= len(bores[0].wall)
+    true = np.einsum("ij,ij->i", turned[own], normals[own])
+    assert np.median(true) > 0.8  # the exact normals face the axis
+
+
+def test_a_piece_of_the_part_that_the_solid_lacks_is_told_and_strays_are_not():
+    scan, _, _ = scanned(WHOLE, H, 0.0, seed=5)
+    points, rng = scan.cloud.points, np.random.default_rng(5)
+    assert lost_crowds(points, WHOLE, H).value == 0.0
+    low, high = points.min(axis=0) - 0.05, points.max(axis=0) + 0.05
+    strays = np.concatenate([points, rng.uniform(low, high, (len(points) // 100, 3))])
+    assert lost_crowds(strays, WHOLE, H).passed
+    middle = WHOLE.vertices.min(axis=0) - 5.0 * H
+    rib = middle + np.column_stack([rng.uniform(0, 4 * H, (16, 2)), np.zeros(16)])  # a point per square spacing
+    told = lost_crowds(np.concatenate([strays, rib]), WHOLE, H)
+    assert not told.passed and 12 <= told.value <= 20 and told.limit < 12
+
+
+def test_crowds_of_strays_are_no_larger_than_chance_makes_them():
+    """Strays at random on a square whose sides are joined: of 60 draws the largest crowd is beyond the limit in one at most (0.06 are due)."""
+    n, mean, rng, beyond = 200, 0.3, np.random.default_rng(6), 0
+    radius = np.sqrt(mean / (np.pi * n))
+    for _ in range(60):
+        tree = cKDTree(rng.random((n, 2)), boxsize=1.0)
+        graph = tree.sparse_distance_matrix(tree, radius)
+        beyond += np.bincount(connected_components(graph, directed=False)[1]).max() > largest_by_chance(n, mean)
+    assert beyond <= 1
+    assert largest_by_chance(10, 1.5) == 10 and largest_by_chance(0, 0.0) == 0 and LEAST == 5

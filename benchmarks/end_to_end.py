@@ -1,6 +1,6 @@
 """Scan to response, end to end: parts scanned with noise of 0.5 mm go through `scan2fea run`: do its tets bend and swing as the true solid?
 
-    python benchmarks/end_to_end.py OUT.jsonl [--seeds N] [--only KIND] [--cmd scan2fea]      a line each; a second call goes on; prints the table
+    python benchmarks/end_to_end.py OUT.jsonl [--first K] [--seeds N] [--only KIND] [--cmd scan2fea]      a line each; goes on; prints the table
 
 Both solids get the same problem, in the frame of the truth: held on the flat face at one end (nodes within 3 sigma of it: the root of a member, the
 foot of the bracket, the rim of the tank), pushed sideways, both ways, over the last tenth at the other, growing to the end (tip: the mean motion so
@@ -121,13 +121,14 @@ def table(rows: list[dict[str, Any]]) -> None:
 def main() -> None:
     ask = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     ask.add_argument("out", type=Path)
+    ask.add_argument("--first", type=int, default=0, help="the first seed")
     ask.add_argument("--seeds", type=int, default=3)
     ask.add_argument("--only", default="")
     ask.add_argument("--cmd", default="scan2fea")
     given = ask.parse_args()
     rows = [json.loads(line) for line in given.out.read_text().splitlines()] if given.out.exists() else []
     for kind in [k for k in (*MEMBERS, "bracket", "tank") if given.only in ("", k)]:
-        missing = [seed for seed in range(given.seeds) if (kind, seed) not in {(r["kind"], r["seed"]) for r in rows}]
+        missing = [seed for seed in range(given.first, given.first + given.seeds) if (kind, seed) not in {(r["kind"], r["seed"]) for r in rows}]
         if missing:
             shape, _, axis = part(kind, FLATS_M.get(kind))
             truth = response(fill(shape.mesh, to_brep(shape.mesh), FillOptions()).tets, axis)

@@ -72,10 +72,18 @@ def test_what_holds_is_not_refused(bulk, control, tmp_path):
         ("PSOLID,1,1", "PSOLID,1,3", "deck.materials", "no material MAT_3"),
         ("PSOLID,1,1", "PSOLID,2,1", "deck.materials", "no material OF PROPERTY 1"),
         ("SOL 101\n", "", "deck.steps", "0 steps"),
+        ("CTETRA,2", "CTETAR,2", "deck.cards", "CTETAR: is CTETRA meant?"),
+        ("SPC1,1,123", "SCP1,1,123", "deck.cards", "SCP1: is SPC1 meant?"),
+        ("MAT1,1", "MTA1,1", "deck.cards", "MTA1: is MAT1 meant?"),
     ],
 )
 def test_what_is_missing_is_named(old, new, name, says, tmp_path):
     assert says in failed(tmp_path, (HEAD + TETS + "SPC1,1,123,1,2,3\n" + REST).replace(old, new))[name]
+
+
+def test_other_cards_are_not_taken_for_misspelt_ones(tmp_path):
+    bulk = "SPC1,1,123,1,2,3\nRBAR,70,1,2,123456,,,123456\nDLOAD,9,1.,1.,8\nPLOAD2,8,1.,1\nCORD2R,7\nMAT8,5\nEPOINT,80\nTEMP,1,1,20.\nGRDSET\n"
+    assert failed(tmp_path, HEAD + TETS + bulk + REST) == {}
 
 
 def test_subcases_hold_by_themselves_and_modes_need_nothing(tmp_path):
@@ -99,6 +107,7 @@ def test_reals_without_their_letter():
         (HEAD + TETS.replace("1,1,2,3,4", "1,1,2,3"), "CTETRA 1 has 3 nodes"),
         (HEAD + TETS.replace("GRID,2,,1.", "GRID,2,,x"), "a card GRID cannot be read"),
         (HEAD + "ENDDATA\n", "it is no mesh"),
+        (HEAD + TETS + REST.replace("ENDDATA\n", ""), "no ENDDATA"),
         (HEAD + TETS + "SPC1,1,123,1,THRU,x\n" + REST, "cannot be read"),
         ("SOL\n" + HEAD[8:] + TETS + "RBE2\n" + REST, "cannot be read"),
     ],

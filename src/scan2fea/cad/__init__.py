@@ -6,6 +6,7 @@ from scan2fea.cad.brep import CadOptions, to_brep
 from scan2fea.cad.compared import LEAST_LOST
 from scan2fea.cad.drawn_solid import drawn_solid
 from scan2fea.cad.freeform import patched_solid
+from scan2fea.cad.nominal import placed_drawing, read_nominal
 from scan2fea.cad.prism import prism_brep
 from scan2fea.cad.sheets import FACET
 from scan2fea.cad.solid import true_solid
@@ -13,6 +14,6 @@ from scan2fea.cad.surfaces import Snap
 from scan2fea.cad.trued import Trued
 
 __all__ = [
-    "BOX_OFF", "FACET", "LEAST_LOST", "CadOptions", "Snap", "Trued", "assembly", "box_off_m", "drawn_solid", "patched_solid", "prism_brep", "to_brep",
-    "true_solid",
+    "BOX_OFF", "FACET", "LEAST_LOST", "CadOptions", "Snap", "Trued", "assembly", "box_off_m", "drawn_solid", "patched_solid", "placed_drawing",
+    "prism_brep", "read_nominal", "to_brep", "true_solid",
 ]  # fmt: skip

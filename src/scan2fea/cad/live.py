@@ -70,11 +70,29 @@ def moved_by(shape: Any, shift_mm: FloatArray) -> Any:
     return BRepBuilderAPI_Transform(shape, step, True).Shape()
 
 
+def placed_by(shape: Any, R: FloatArray, shift_mm: FloatArray) -> Any:
+    """A copy turned and moved: x -> R x + shift."""
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform
+    from OCP.gp import gp_Trsf
+
+    step = gp_Trsf()
+    step.SetValues(*(float(x) for row in np.column_stack([R, shift_mm]) for x in row))
+    return BRepBuilderAPI_Transform(shape, step, True).Shape()
+
+
 def tessellated(shape: Any, chord_mm: float, angle_rad: float = 0.35) -> None:
     """Give every face triangles; neighbours share the points of their edge."""
     from OCP.BRepMesh import BRepMesh_IncrementalMesh
 
     BRepMesh_IncrementalMesh(shape, chord_mm, False, angle_rad, False)
+
+
+def without_triangles(shape: Any) -> Any:
+    """The same shape, to be given new ones: Open Cascade keeps what is finer than asked for."""
+    from OCP.BRepTools import BRepTools
+
+    BRepTools.Clean_s(shape)
+    return shape
 
 
 def as_splines(shape: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from scan2fea.report.html import write_report
 from scan2fea.report.summary import summary_lines
 
 NOTHING_CONVERTED = 4
+USAGE = 2
 
 
 def execute(given: argparse.Namespace) -> int:
@@ -29,6 +31,10 @@ def convert(inputs: list[Path], out: Path, config: Config, *, resume: bool, opti
     for line in summary_lines(report):
         print(line)
     print(page)
+    for text in report["asked_in_vain"]:
+        print(f"asked in vain: {text}", file=sys.stderr)
+    if report["asked_in_vain"]:
+        return USAGE
     return 0 if any(o["verdict"] == "converted" for o in report["objects"]) else NOTHING_CONVERTED
 
 

@@ -32,7 +32,7 @@ class NastranDeck(Value):
 
 
 def read_bdf(path: Path, size: int) -> NastranDeck:
-    """Raises FormatError where the deck is not sound, includes other files, or has other elements or nodes in systems of their own."""
+    """Raises FormatError where the deck is not sound or not ended, includes other files, or has other elements or nodes in systems of their own."""
     require(size <= _LARGEST, FormatError, f"{path} has {size} bytes, at most {_LARGEST} are read")
     lines = [line.split("$")[0].rstrip() for line in path.read_text(encoding="latin-1").splitlines()]
     begins = next((k for k, line in enumerate(lines) if re.match(r"\s*BEGIN\s+BULK", line, re.IGNORECASE)), -1)
@@ -40,7 +40,10 @@ def read_bdf(path: Path, size: int) -> NastranDeck:
     included = next((line.strip() for line in lines if re.match(r"\s*INCLUDE\b", line, re.IGNORECASE)), "")
     require(not included, FormatError, f"{path} includes another file ({included}): give the deck as one file")
     bulk = tuple(_cards(lines[begins + 1 :]))
-    return NastranDeck(blocks=_mesh(path, bulk), control=tuple(line.strip().upper() for line in lines[:begins] if line.strip()), bulk=bulk)
+    blocks = _mesh(path, bulk)
+    ends = any(re.match(r"\s*ENDDATA\b", line, re.IGNORECASE) for line in lines[begins + 1 :])
+    require(ends, FormatError, f"{path} has no ENDDATA behind its bulk data: it is cut short")
+    return NastranDeck(blocks=blocks, control=tuple(line.strip().upper() for line in lines[:begins] if line.strip()), bulk=bulk)
 
 
 def number(word: str) -> float:

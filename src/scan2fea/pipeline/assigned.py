@@ -26,9 +26,9 @@ NOMINAL_VOLUME = 0.05  # what fillets may add to the section without; more is a 
 
 
 def resolved(objects: Sequence[KnownObject], table: Table | None, seed: int) -> tuple[KnownObject, ...]:
-    """The tables with designations and nominal parts turned into families and dimensions.
+    """The tables with designations and nominal parts turned into families and dimensions; a drawing of no member is compared, and no more.
 
-    Raises UsageError for what names no section, contradicts itself or is no member; InputError for a STEP file that cannot be read.
+    Raises UsageError for what names no section or contradicts itself; InputError for a STEP file that cannot be read.
     """
     return tuple(_resolved(known, number, table, seed) for number, known in enumerate(objects, start=1))
 
@@ -38,7 +38,11 @@ def _resolved(known: KnownObject, number: int, table: Table | None, seed: int) -
     family, fixed, nominal = known.family, dict(known.fixed), dict(known.nominal)
     if known.member or known.step:
         given = parse_designation(known.member, table) if known.member else None
-        own, sizes = (given.family, dict(given.parameters)) if given is not None else _of_nominal(Path(known.step), seed)
+        try:
+            own, sizes = (given.family, dict(given.parameters)) if given is not None else _of_nominal(Path(known.step), seed)
+        except EstimationError as error:
+            require(not (family or fixed or nominal), UsageError, str(error))
+            return known
         require(family in ("", own), UsageError, f"{where}: family = {family!r}, but {known.member or known.step} is of family {own}")
         length = sizes.pop("length", None)
         twice = [name for name in sizes if name in fixed]
@@ -48,11 +52,13 @@ def _resolved(known: KnownObject, number: int, table: Table | None, seed: int) -
     for name in [*fixed, *nominal]:
         of = PARAMETERS.get(family)
         require(of is None or name in (*of, "length"), UsageError, f"{where}: a member of family {family} has no dimension {name!r}")
-    return KnownObject(id=known.id, at=known.at, family=family, fixed=fixed, nominal=nominal, whole=known.whole)
+    return dataclasses.replace(known, member="", family=family, fixed=fixed, nominal=nominal)
 
 
 def _of_nominal(path: Path, seed: int) -> tuple[str, dict[str, float]]:
-    """Family and dimensions, length included, of a part drawn as a solid: fitted to exact points of its surface."""
+    """Family and dimensions, length included, of a part drawn as a solid: fitted to exact points of its surface. Raises EstimationError where it is
+    no member.
+    """
     existing_file(path)
     mesh = read_nominal(path)
     points = sample_surface(mesh, NOMINAL_POINTS, seed)[0]
@@ -60,8 +66,8 @@ def _of_nominal(path: Path, seed: int) -> tuple[str, dict[str, float]]:
     try:
         found = fit_member(Scan(cloud=PointCloud.of(points)), MemberOptions(seed=seed))
     except EstimationError as error:
-        raise UsageError(f"{no_member}: {error}") from error
-    require(found.explains, UsageError, f"{no_member}: {found.reason}")
+        raise EstimationError(f"{no_member}: {error}") from error
+    require(found.explains, EstimationError, f"{no_member}: {found.reason}")
     values = found.member.values()
     return found.member.family, _same_volume(values, found.member.family, volume(mesh), no_member)
 
@@ -69,7 +75,7 @@ def _of_nominal(path: Path, seed: int) -> tuple[str, dict[str, float]]:
 def _same_volume(values: dict[str, float], family: str, drawn_m3: float, no_member: str) -> dict[str, float]:
     made = section_area(section(family, values)) * values["length"]
     says = f"{no_member}: it encloses {drawn_m3:.6g} m3, the likeliest member {made:.6g} m3"
-    require(abs(made - drawn_m3) <= NOMINAL_VOLUME * drawn_m3, UsageError, says)
+    require(abs(made - drawn_m3) <= NOMINAL_VOLUME * drawn_m3, EstimationError, says)
     return values
 
 

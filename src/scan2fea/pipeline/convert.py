@@ -21,6 +21,7 @@ from scan2fea.kernel.coverage import deviation, face_origin
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import extent, face_areas, volume
 from scan2fea.kernel.noise import spacing
+from scan2fea.pipeline.against import set_against
 from scan2fea.pipeline.config import Config
 from scan2fea.pipeline.drift import moved
 from scan2fea.pipeline.free_form import build_patches
@@ -57,6 +58,7 @@ def convert(part: Part, key: str, config: Config, record: Record, folder: Path) 
         made.stopped = f"a fault of scan2fea ({type(error).__name__}: {error}); please report it"
         record.event("fault", text=traceback.format_exc())
     made.stopped = told_after_all(made, made.stopped)
+    set_against(made, Tracked(part, key), config, record)
     if made.tets is None and made.surface is not None and part.mesh is None:
         made.sheet = sheet_of(part.scan, made.surface, made.spacing_m, made.sigma_m, config.reconstruction)
     files = write_object(made, folder, config)

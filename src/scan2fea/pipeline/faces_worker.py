@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from scan2fea.cad import CadOptions, Trued, drawn_solid, patched_solid, true_solid
+from scan2fea.cad import CadOptions, Trued, drawn_solid, patched_solid, placed_drawing, true_solid
 from scan2fea.io.artifacts import load, save
 from scan2fea.kernel.processes import run_limited
 from scan2fea.types import FloatArray, TriangleMesh
@@ -46,6 +46,11 @@ def patched_solid_in_child(mesh: TriangleMesh, options: CadOptions, *, spacing_m
     return _in_child({"mesh": mesh, "more": {"spacing_m": spacing_m, "noise_m": noise_m}}, options, "NURBS patches")
 
 
+def drawing_in_child(path: Path, T_scene_drawing: FloatArray, options: CadOptions) -> Trued:
+    """`placed_drawing`, as above."""
+    return _in_child({"drawing": str(path), "T": T_scene_drawing}, options, "drawing")
+
+
 def _in_child(task: dict[str, Any], options: CadOptions, what: str) -> Trued:
     with tempfile.TemporaryDirectory() as folder:
         job, result = Path(folder) / "job.npz", Path(folder) / "result.npz"
@@ -72,6 +77,8 @@ def main(job: Path, result: Path) -> None:
     task = load(job)
     if "points" in task:
         save(true_solid(task["mesh"], task["points"], task["options"], **task["more"]), result)
+    elif "drawing" in task:
+        save(placed_drawing(Path(task["drawing"]), task["T"]), result)
     elif "drawn" in task:
         save(drawn_solid(task["mesh"]), result)
     else:

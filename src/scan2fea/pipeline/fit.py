@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from scan2fea.errors import EmptyScanError, EstimationError, require
+from scan2fea.errors import EmptyScanError, EstimationError, UsageError, require
 from scan2fea.io import RawScan, read_scan, write_text
 from scan2fea.pipeline.assigned import assigned, own_section, resolved
 from scan2fea.pipeline.chosen import chosen_of
@@ -60,7 +60,10 @@ def fit_file(path: Path, config: Config) -> FittedFile:
     require_extent(raw.scan.cloud.points)
     shift = shift_of(raw.scan.cloud.points)
     scan = shifted(raw.scan, shift)
-    named = assigned(resolved(config.object, table_of(config.route), config.run.seed), {1: scan.cloud.points}, shift)
+    known = resolved(config.object, table_of(config.route), config.run.seed)
+    drawings = [one.step for one in known if one.step and not one.family]
+    require(not drawings, UsageError, f"{', '.join(drawings)}: is no drawing of a straight member; `run` compares the part with it")
+    named = assigned(known, {1: scan.cloud.points}, shift)
     found = estimate(scan, config.estimation, config.route, own_section(named, 1))
     if found.member is None:
         raise EstimationError(f"{path}: no member can be fitted: {found.reason}")

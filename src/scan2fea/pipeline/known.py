@@ -22,7 +22,8 @@ class KnownObject:
     at: tuple[float, float, float] | None = option(None, "a place (x, y, z) in the inputs: the object whose centre is nearest is meant", unit="m")
     family: str = option("", "family of its section", choices=("", *PARAMETERS))
     member: str = option("", "its section: L127x127x6.35 (mm), HE 140 A; its dimensions are held and tested")
-    step: str = option("", "STEP file of the nominal part: its section is held and tested, its length compared")
+    step: str = option("", "STEP file of the drawing: laid onto the points and compared face by face; of a member its section is held and tested")
+    tolerance: float | None = option(None, "what a face may lie off the drawing; ISO 2768-1 class m of its size without", unit="m")
     fixed: Mapping[str, float] = field(
         default_factory=dict, metadata={"doc": "dimensions that are held and tested, such as { t = 0.00635, length = 3.0 }", "unit": "m"}
     )
@@ -43,7 +44,6 @@ def known_object(row: Any, number: int) -> KnownObject:
     for key in row:
         near = difflib.get_close_matches(str(key), names, n=1)
         hint = f"did you mean {near[0]!r}?" if near else f"use {', '.join(names)}"
-        hint = f"did you mean {near[0]!r}?" if near else f"use {', '.join(names)}"
         require(key in names, UsageError, f"{where}: key {key!r} is not known; {hint}")
     values = {key: value for key, value in row.items() if value is not None}
     if "id" in values:
@@ -55,6 +55,10 @@ def known_object(row: Any, number: int) -> KnownObject:
         require(isinstance(values.get(key, ""), str), UsageError, f"{where}: {key} = {values.get(key)!r}; expected text")
     for key in ("fixed", "nominal"):
         values[key] = _dimensions(values.get(key, {}), key, where)
+    give = values.get("tolerance")
+    is_length = give is None or (isinstance(give, int | float) and not isinstance(give, bool) and math.isfinite(give) and give > 0)
+    require(is_length, UsageError, f"{where}: tolerance = {give!r}; it is a positive number of metres")
+    require(give is None or bool(values.get("step")), UsageError, f"{where}: a tolerance needs a drawing (step)")
     require(isinstance(values.get("whole", False), bool), UsageError, f"{where}: whole = {values.get('whole')!r}; it is true or false")
     known = KnownObject(**values)
     require((known.id is None) != (known.at is None), UsageError, f"{where}: give either id or at, to say which object is meant")

@@ -14,7 +14,7 @@ import numpy as np
 
 from scan2fea.estimation.ray_voids import in_sheets
 from scan2fea.io.artifacts import fingerprint, save
-from scan2fea.io.files import write_bytes
+from scan2fea.io.files import sha256_of, write_bytes
 from scan2fea.kernel.noise import noise_sigma
 from scan2fea.kernel.threads import in_threads
 from scan2fea.pipeline.children import Limits, Workers, run_children
@@ -92,7 +92,7 @@ def convert_all(
     for part in parts:
         folder = keep / f"{part.id:02d}"
         own = replace(config, object=tuple(known for known in config.object if known.id == part.id))  # what is known of others is nothing to it
-        key = key_of(fingerprint(part), as_tree(own))
+        key = key_of(fingerprint(part), as_tree(own), [sha256_of(Path(known.step)) for known in own.object if known.step])
         if resume and _is_done(folder, key):
             say({"event": "note", "object": str(part.id), "text": f"object {part.id}: unchanged, kept"})
             continue

@@ -24,7 +24,7 @@ from scan2fea.pipeline.member_rows import member_row
 from scan2fea.pipeline.part import Made
 from scan2fea.pipeline.results import finite_tree
 from scan2fea.pipeline.route import ESTIMATION
-from scan2fea.types import FloatArray
+from scan2fea.types import FloatArray, PointCloud
 from scan2fea.units import unit_system
 
 BREP, MEMBER = "brep.npz", "member.npz"  # of each object, among what --resume reads
@@ -96,6 +96,11 @@ def write_object(made: Made, folder: Path, config: Config) -> list[str]:
         write_text(folder / "member.json", json.dumps(row, indent=1, allow_nan=False) + "\n")
     if made.brep is not None:
         write_text(folder / "model.step", made.brep.step)
+    if made.drawing is not None and made.drawing.drawing.brep is not None:
+        found = made.drawing.found
+        columns: dict[str, Any] = {"deviation_m": found.deviation_m, "local_m": found.local_m, "drawing_face": found.face.astype(np.int32)}
+        write_cloud_ply(folder / "as_built.ply", PointCloud.of(made.drawing.points), columns)
+        write_text(folder / "drawing.step", made.drawing.drawing.brep.step)
     if made.model is not None:
         write_text(folder / "model.inp", write_inp(made.model, units))
         write_text(folder / "model.bdf", write_bdf(made.model, units))

@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from scan2fea.cad import Snap
+from scan2fea.cad import Snap, Trued
 from scan2fea.kernel.coverage import Deviation
 from scan2fea.pipeline.dimension_doubt import PoseDoubt
 from scan2fea.pipeline.route import ESTIMATION, Estimate
 from scan2fea.types import BoolArray, Brep, Check, FEModel, FEResult, FloatArray, Footing, Member, Route, Scan, TetMesh, TriangleMesh, Value
+from scan2fea.verification.drawing import AsBuilt
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -40,6 +41,20 @@ class Part(Value):
         return np.zeros(len(cloud), bool) if cloud.is_inferred is None else np.asarray(cloud.is_inferred & (cloud.frame < 0))
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Against(Value):
+    """A drawing laid onto what was measured. points : (n, 3) these.   T_scene_drawing : (4, 4).   drawing : the drawn solid where the part is.
+
+    tolerance_source : who says what its faces may be off.
+    """
+
+    points: FloatArray
+    T_scene_drawing: FloatArray
+    drawing: Trued
+    found: AsBuilt
+    tolerance_source: str
+
+
 @dataclass
 class Made:
     """What has been made of one object so far; the only mutable thing of the chain, so that a failure keeps what came before it."""
@@ -61,6 +76,8 @@ class Made:
     tets: TetMesh | None = None
     model: FEModel | None = None
     result: FEResult | None = None
+    drawing: Against | None = None  # the drawing it is compared with, laid onto its points
+    drawn_row: dict[str, Any] = field(default_factory=dict)  # its file, what both were solved for, why it was not compared
     checks: list[Check] = field(default_factory=list)
     refused: list[Check] = field(default_factory=list)  # those of a member that explains the points but is not known well enough to be built
     supported_share: float = 0.0  # of the area: not seen, but on a plane that was, or the other face of a wall that was

@@ -23,6 +23,7 @@ from scan2fea.kernel.pinned import SEEN
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.quality import summary, surface_quality, tet_quality
 from scan2fea.kernel.topology import surface_topology
+from scan2fea.pipeline.against import drawing_row, drawing_words
 from scan2fea.pipeline.config import Config, known_keys
 from scan2fea.pipeline.frames import registration_row
 from scan2fea.pipeline.member_rows import member_row
@@ -196,6 +197,7 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
     if made.model is not None and made.result is not None:
         row["fea"] = fea_row(made.model, made.result)
     row["deviation"] = deviation_row(made)
+    row["drawing"] = drawing_row(made)
     row["drift"] = made.drift
     row["checks"] = [check_row(check) for check in made.checks]
     row["files"] = list(files)
@@ -203,6 +205,7 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
     if found.name == "converted" and made.member is not None:
         row["reason"] += assumed(made.member) + (claimed(made.member, made.estimate) + left_out(made.estimate) if made.estimate is not None else "")
     row["reason"] += _apart(made) if found.name == "converted" else ""
+    row["reason"] += drawing_words(made)
     if found.name == "converted" and made.supported_share > 0:
         row["supported_share"] = made.supported_share
         share = f"{made.supported_share:.0%}" if made.supported_share >= 0.01 else "less than 1 %"

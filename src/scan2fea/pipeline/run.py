@@ -21,6 +21,7 @@ from scan2fea.io import InputOptions, RawScan, read_scan, write_cloud_ply, write
 from scan2fea.io.artifacts import fingerprint
 from scan2fea.io.files import existing_file, sha256_of, write_bytes
 from scan2fea.pipeline.acquire import NO_SCALE, WITHOUT_SCALE, Group, acquire, acquired_rows, grouped, raw_of, without_scale
+from scan2fea.pipeline.asked import asked_in_vain
 from scan2fea.pipeline.assigned import assigned, resolved
 from scan2fea.pipeline.children import Workers
 from scan2fea.pipeline.chosen import chosen_of
@@ -84,6 +85,8 @@ def run(
         frame = write_members(out, out / KEEP / "objects", objects, config)
         listed = segment_rows(scene.value.scan.cloud, segments, chosen, kinds)
         report = run_report(config, command, rows, scene.value, segments, record.stages + stages, objects, chosen, listed)
+        report["asked_in_vain"] = asked_in_vain(config.fea, objects)
+        report["warnings"] += [f"asked in vain: {text}" for text in report["asked_in_vain"]]
         report |= {} if frame is None else {"frame_model": finite_tree(frame)}
         told = acquired_rows([raw.value for raw in raws])
         report |= {"acquisition": finite_tree(told)} if told else {}

@@ -84,7 +84,7 @@ def points_figure(cloud: PointCloud, camera: Camera) -> Figure:
         colours[inferred] = ORIGIN_COLOURS[INVENTED]
         legend = swatches([(css(ORIGIN_COLOURS[INVENTED]), f"inferred, not measured ({percent(float(inferred.mean()))})", False)])
     kept = "" if len(rows) == len(cloud) else f" ({len(rows):,} drawn)"
-    picture = render(camera, (_dots(cloud.points[rows], colours, camera),))
+    picture = render(camera, (dots(cloud.points[rows], colours, camera),))
     return drawn("Points", f"The {len(cloud):,} points of the object.", f"The points that were used: {len(cloud):,}{kept}.", camera, picture, legend)
 
 
@@ -179,9 +179,9 @@ def scene_figure(scene: PointCloud | None, objects: Sequence[PointCloud | None],
     if not len(everything):
         return None
     camera = look_down(np.concatenate([*clouds.values()]) if clouds else around, width_px=width_px, height_px=round(width_px * 0.56))
-    things = [_dots(points, np.tile(categories(np.array([k])), (len(points), 1)), camera) for k, points in clouds.items()]
+    things = [dots(points, np.tile(categories(np.array([k])), (len(points), 1)), camera) for k, points in clouds.items()]
     if len(around):
-        things.append(_dots(around, np.tile(BACKDROP, (len(around), 1)), camera))
+        things.append(dots(around, np.tile(BACKDROP, (len(around), 1)), camera))
     picture = render(camera, tuple(things))
     pins = {}
     for k, points in clouds.items():
@@ -221,7 +221,7 @@ def _some(cloud: PointCloud, at_most: int) -> FloatArray:
     return cloud.points[sampled_rows(len(cloud), max(at_most, 1), 0)]
 
 
-def _dots(points: FloatArray, colours: ByteArray, camera: Camera) -> Dots:
+def dots(points: FloatArray, colours: ByteArray, camera: Camera) -> Dots:
     distance = spacing(points) if len(points) > 1 else 0.0
     radius = float(np.clip(DISC_SPACINGS * distance / camera.m_per_px, 0.8, 4.0)) if np.isfinite(distance) else 1.5
     return Dots(points=points, colours=colours, radius_px=radius)

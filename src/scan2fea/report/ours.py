@@ -47,6 +47,13 @@ def read_surface(path: Path) -> TriangleMesh:
     return TriangleMesh(vertices=vertices, faces=faces, face_origin=whole["origin"], face_region=whole["region"], deviation_m=deviation)
 
 
+def read_as_built(path: Path) -> tuple[FloatArray, FloatArray]:
+    """(n, 3) points and (n,) how far the mean of their neighbours lies off the drawing. Raises FormatError."""
+    columns = _elements(path).get("vertex", {})
+    require("local_m" in columns, FormatError, f"{path}: has no column local_m; run again with --resume")
+    return _stack(path, columns, "x", "y", "z"), columns["local_m"].astype(float)
+
+
 def read_solid(path: Path) -> Solid:
     """Tets with their fields. Raises FormatError."""
     try:

@@ -22,6 +22,8 @@ FILE_WORDS: Mapping[str, str] = {
     "volume.vtu": "mesh (VTU)",
     "volume.msh": "mesh (Gmsh)",
     "cloud.ply": "points",
+    "as_built.ply": "points against the drawing",
+    "drawing.step": "drawing where the part lies",
 }
 TABLE_FILES = {"model.step": "STEP", "model.inp": "deck", "surface.stl": "STL"}
 

@@ -10,22 +10,26 @@ from typing import Any, TypeVar
 import numpy as np
 
 from scan2fea.errors import Scan2FeaError
-from scan2fea.report.ours import read_cloud, read_solid, read_surface
+from scan2fea.report.ours import read_as_built, read_cloud, read_solid, read_surface
 from scan2fea.report.solids import Solid
 from scan2fea.report.words import number_of
-from scan2fea.types import PointCloud, TriangleMesh, Value
+from scan2fea.types import FloatArray, PointCloud, TriangleMesh, Value
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Geometry(Value):
-    """What there is of one object. size_m : extent along x, y and z, or None where there are no points."""
+    """What there is of one object. size_m : extent along x, y and z, or None where there are no points.
+
+    as_built : (n, 3) points and (n,) how far they lie off the drawing, where one was given.
+    """
 
     cloud: PointCloud | None
     surface: TriangleMesh | None
     solid: Solid | None
     size_m: tuple[float, ...] | None
+    as_built: tuple[FloatArray, FloatArray] | None = None
 
 
 @dataclass(kw_only=True)
@@ -64,7 +68,8 @@ class Saved:
     def geometry(self, item: Mapping[str, Any], cloud: PointCloud | None) -> Geometry:
         """All of one object; its cloud is given since the overview needs it too."""
         surface = self.surface(item)
-        return Geometry(cloud=cloud, surface=surface, solid=self.solid(item), size_m=_size(item, cloud, surface))
+        built = self._read(f"{self.folder(item)}/as_built.ply", read_as_built)
+        return Geometry(cloud=cloud, surface=surface, solid=self.solid(item), size_m=_size(item, cloud, surface), as_built=built)
 
     def _read(self, relative: str, reader: Callable[[Path], T]) -> T | None:
         if not self.exists(relative):

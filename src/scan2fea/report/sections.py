@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from scan2fea.report.charts import bars
+from scan2fea.report.drawing import drawing_figure, drawing_section
 from scan2fea.report.figures import camera_for, deviation_figure, origin_figure, plain_figure, points_figure, regions_figure
 from scan2fea.report.markup import NOTHING, Html, figure_cell, table, tag
 from scan2fea.report.member import member_section
@@ -43,6 +44,7 @@ def object_section(item: Item, place: int, made: Geometry, files: Sequence[str],
     """Everything about one object, one page when printed."""
     pictures, charts = _pictures(item, made, width_px)
     good = item.get("verdict") == "converted"
+    told = (member_section(item), _checks(item), response_section(item), drawing_section(item), _shape(item), _mesh(item, made.solid), _drift(item))
     return tag(
         "article",
         tag("h2", tag("span", number_of(item), class_="number"), " ", item.get("kind") or "object", " ", badge(item.get("verdict"))),
@@ -51,7 +53,7 @@ def object_section(item: Item, place: int, made: Geometry, files: Sequence[str],
         _facts(item, made.size_m),
         tag("div", *pictures, class_="pictures") if pictures else NOTHING,
         tag("div", *charts, class_="charts") if charts else NOTHING,
-        tag("div", member_section(item), _checks(item), response_section(item), _shape(item), _mesh(item, made.solid), _drift(item), class_="parts"),
+        tag("div", *told, class_="parts"),
         tag("p", "Files: ", downloads(files), class_="files"),
         id=anchor(place),
         class_="object",
@@ -72,6 +74,10 @@ def _pictures(item: Item, made: Geometry, width_px: int) -> tuple[list[Html], li
         found = [*(known if any(known) else [plain_figure(surface, camera)]), *wall, regions_figure(surface, camera, item.get("cad") or {})]
         figures += [figure for figure in found if figure is not None]
         charts += [figure.chart for figure in figures if figure.chart]
+    if made.as_built is not None:
+        figure = drawing_figure(*made.as_built, (item.get("drawing") or {}).get("tolerance_m"), camera)
+        figures += [figure] if figure is not None else []
+        charts += [figure.chart] if figure is not None else []
     if solid is not None and len(solid.tets):
         frequencies = [*((item.get("fea") or {}).get("frequencies_hz") or [first_frequency_hz(item)]), None, None, None]
         modes = [mode_figure(solid, camera, k + 1, frequencies[k]) for k in range(SHOWN_MODES)]

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 from scan2fea.types import Value
 
+MISSPELT = "MISSPELT"  # not a card: what a reader of another language found to be one, with its WORD and what is MEANT
+
 
 @dataclass(frozen=True, kw_only=True)
 class Card(Value):
@@ -41,3 +43,12 @@ def _card(head: str, data: Sequence[tuple[str, ...]]) -> Card:
         key, _, value = word.partition("=")
         options[key.strip().upper()] = value.strip().strip('"').upper()
     return Card(word=re.sub(r"\s+", " ", words[0].upper()), options=options, data=tuple(data))
+
+
+def is_near(word: str, name: str) -> bool:
+    """Whether a name of four letters or more has one letter wrong, missing or too many, or two exchanged."""
+    if abs(len(word) - len(name)) > 1 or len(name) < 4:
+        return False
+    at = next((k for k, (a, b) in enumerate(zip(word, name, strict=False)) if a != b), min(len(word), len(name)))
+    a, b = word[at:], name[at:]
+    return a[1:] == b[1:] or a[1:] == b or a == b[1:] or (a[:2] == b[1::-1] and a[2:] == b[2:])

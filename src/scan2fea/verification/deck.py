@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from scan2fea.types import Check
-from scan2fea.verification.cards import Card
+from scan2fea.verification.cards import MISSPELT, Card, is_near
 from scan2fea.verification.deck_sets import DeckMesh, sets_of
 from scan2fea.verification.deck_supports import SOLID, TURNING, Supports, supports_of
 from scan2fea.verification.limits import at_least, holds
@@ -33,7 +33,7 @@ def deck_checks(cards: Sequence[Card], mesh: DeckMesh) -> tuple[Check, ...]:
     """Steps, materials with what the steps need of them, sets that exist, supports that hold every part in each step that needs it."""
     missing = missing_sets(cards) + _missing_nodes(cards, mesh)
     weak = [*_materials_without(cards), *_bad_numbers(cards), *_without_section(cards, mesh)]
-    wrong = _misspelt(cards)
+    wrong = _misspelt(cards) + [f"{card.options['WORD']}: is {card.options['MEANT']} meant?" for card in cards if card.word == MISSPELT]
     n_steps, n_ends = (sum(card.word == word for card in cards) for word in ("STEP", "END STEP"))
     return (
         at_least("deck.steps", n_steps),
@@ -159,12 +159,4 @@ def _without_section(cards: Sequence[Card], mesh: DeckMesh) -> list[str]:
 def _misspelt(cards: Sequence[Card]) -> list[str]:
     """Cards that are one letter from one that matters, or have two of its letters exchanged: solvers pass over them with a warning at most."""
     words = dict.fromkeys(card.word for card in cards if card.word not in _SPELT and card.word not in _OTHERS)
-    return [f"*{word}: is *{meant} meant?" for word in words for meant in [next((name for name in _SPELT if _is_near(word, name)), "")] if meant]
-
-
-def _is_near(word: str, name: str) -> bool:
-    if abs(len(word) - len(name)) > 1 or len(name) < 4:
-        return False
-    at = next((k for k, (a, b) in enumerate(zip(word, name, strict=False)) if a != b), min(len(word), len(name)))
-    a, b = word[at:], name[at:]
-    return a[1:] == b[1:] or a[1:] == b or a == b[1:] or (a[:2] == b[1::-1] and a[2:] == b[2:])
+    return [f"*{word}: is *{meant} meant?" for word in words for meant in [next((name for name in _SPELT if is_near(word, name)), "")] if meant]

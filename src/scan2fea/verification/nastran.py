@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 
-from scan2fea.verification.cards import Card
+from scan2fea.verification.cards import MISSPELT, Card, is_near
 
 Fields = tuple[str, ...]
 SOLUTIONS = {"101": "STATIC", "1": "STATIC", "103": "FREQUENCY", "3": "FREQUENCY", "105": "BUCKLE", "106": "STATIC", "400": "STATIC"}
@@ -15,6 +15,16 @@ ELEMENTS = {"triangle": "S3", "triangle6": "S6", "quad": "S4", "quad8": "S8", "l
 OWN_SYSTEM = "GRID with directions of its own"
 MAY_HOLD = (
     "CBUSH", "CELAS1", "CELAS2", "CELAS3", "CELAS4", "CGAP", "CFAST", "CWELD", "RBAR", "RBE1", "RROD", "RSPLINE", "BCONP", "BCTABLE", OWN_SYSTEM,
+)  # fmt: skip
+
+# cards without which a deck is solved otherwise than it was meant; and real ones that one letter would make of these
+_SPELT = (
+    "GRID", "CTETRA", "CTRIA3", "CTRIA6", "CQUAD4", "CQUAD8", "CBAR", "CBEAM", "PSOLID", "PSHELL", "PBAR", "PBARL", "PBEAM", "PBEAML", "PCOMP",
+    "MAT1", "SPC1", "SPCADD", "MPCADD", "RBE2", "RBE3", "FORCE", "MOMENT", "GRAV", "PLOAD4", "LOAD", "EIGRL", "EIGR", "PARAM", "ENDDATA",
+)  # fmt: skip
+_OTHERS = (
+    "RBAR", "DLOAD", "PLOAD", "SLOAD", "CLOAD", "LOADT", "EGRID", "GRIDB", "GRIDF", "GRIDS", "CQUAD", "CTRIA", "CQUADR", "CTRIAR", "CQUADX", "CTRIAX",
+    "CBARAO", "RBEAM", "PLOADX", "PSHEAR", "PCOMPG", "PCOMPS", "PCOMPP", "EIGB", "EIGC", "EIGP", "MATS1", "MATT1", "MATF1", "MATG1",
 )  # fmt: skip
 
 
@@ -32,7 +42,18 @@ def cards_of_nastran(control: Sequence[str], bulk: Sequence[Fields], kinds: Sequ
             rows = [(node, digit, digit) for node in _averaged(fields[5:]) for digit in "123"]
             cards.append(_card("KINEMATIC COUPLING", {"REF NODE": fields[3]}, rows))
     steps, used = _steps(control, bulk)
+    cards += [_card(MISSPELT, {"WORD": word, "MEANT": meant}) for word, meant in _misspelt(bulk)]
     return (*cards, *_equations(bulk, used), *steps)
+
+
+def _misspelt(bulk: Sequence[Fields]) -> list[tuple[str, str]]:
+    """(name, what it is one letter from) of cards that a solver stops at or passes over. A digit more or less makes another card."""
+    words = dict.fromkeys(fields[0] for fields in bulk if fields[0] not in _SPELT and fields[0] not in _OTHERS)
+    found = []
+    for word in words:
+        near = (name for name in _SPELT if re.sub(r"\D", "", name) == re.sub(r"\D", "", word) and is_near(word, name))
+        found += [(word, meant) for meant in near][:1]
+    return found
 
 
 def _card(word: str, options: Mapping[str, str], data: Sequence[Fields] = ()) -> Card:

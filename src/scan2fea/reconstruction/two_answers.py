@@ -46,7 +46,8 @@ def contradicted(scan: Scan, found: Reconstruction, flats: Sequence[Reconstructi
     holding = [flat for flat in flats if WHERE.issuperset(check.name for check in failed(flat.checks))]
     if found.source == SENSORS:
         holding = [flat for flat in holding if blocked_lines(scan, flat.mesh, found.spacing_m, found.sigma_m).passed]
-    found = replace(found, checks=(*found.checks, *_holes(found, flats)))
+    narrow = _holes(found, flats)
+    found = replace(found, checks=(*found.checks, *narrow)) if narrow else found
     told = [apart(scan, found, flat.mesh, seed) for flat in holding]
     if not told:
         return found

@@ -1,13 +1,10 @@
-"""What was scanned and the solid lacks: bores that it closes, and pieces of the part far off it."""
+"""Bores that were scanned and the solid closes."""
 
 import numpy as np
 import pytest
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from predicates import moved, rotation
 from scan2fea.reconstruction.lost_bores import closed_bores, facing_axis, told_bores
-from scan2fea.reconstruction.lost_crowds import LEAST, largest_by_chance, lost_crowds
 from scan2fea.simulation.shapes import bracket
 from scanned import scanned
 
@@ -44,28 +41,3 @@ def test_normals_on_the_wall_of_a_bore_face_its_axis_and_the_others_stay():
     assert own.sum() >= len(bores[0].wall)
     true = np.einsum("ij,ij->i", turned[own], normals[own])
     assert np.median(true) > 0.8  # the exact normals face the axis
-
-
-def test_a_piece_of_the_part_that_the_solid_lacks_is_told_and_strays_are_not():
-    scan, _, _ = scanned(WHOLE, H, 0.0, seed=5)
-    points, rng = scan.cloud.points, np.random.default_rng(5)
-    assert lost_crowds(points, WHOLE, H).value == 0.0
-    low, high = points.min(axis=0) - 0.05, points.max(axis=0) + 0.05
-    strays = np.concatenate([points, rng.uniform(low, high, (len(points) // 100, 3))])
-    assert lost_crowds(strays, WHOLE, H).passed
-    middle = WHOLE.vertices.min(axis=0) - 5.0 * H
-    rib = middle + np.column_stack([rng.uniform(0, 4 * H, (16, 2)), np.zeros(16)])  # a point per square spacing
-    told = lost_crowds(np.concatenate([strays, rib]), WHOLE, H)
-    assert not told.passed and 12 <= told.value <= 20 and told.limit < 12
-
-
-def test_crowds_of_strays_are_no_larger_than_chance_makes_them():
-    """Strays at random on a square whose sides are joined: of 60 draws the largest crowd is beyond the limit in one at most (0.06 are due)."""
-    n, mean, rng, beyond = 200, 0.3, np.random.default_rng(6), 0
-    radius = np.sqrt(mean / (np.pi * n))
-    for _ in range(60):
-        tree = cKDTree(rng.random((n, 2)), boxsize=1.0)
-        graph = tree.sparse_distance_matrix(tree, radius)
-        beyond += np.bincount(connected_components(graph, directed=False)[1]).max() > largest_by_chance(n, mean)
-    assert beyond <= 1
-    assert largest_by_chance(10, 1.5) == 10 and largest_by_chance(0, 0.0) == 0 and LEAST == 5

@@ -13,9 +13,8 @@ from scan2fea.options import option
 from scan2fea.reconstruction.advancing_front import FrontOptions, advancing_front
 from scan2fea.reconstruction.ball_pivoting import PivotOptions, ball_pivoting
 from scan2fea.reconstruction.bores import Bore
-from scan2fea.reconstruction.gates import STRAY_SIGMAS, failed
+from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.lost_bores import BORES_CLOSED, closed_bores, told_bores
-from scan2fea.reconstruction.lost_crowds import lost_crowds
 from scan2fea.reconstruction.open_sheet import open_sheet
 from scan2fea.reconstruction.planar import planar, served
 from scan2fea.reconstruction.plugged import unplugged
@@ -56,7 +55,7 @@ def reconstruct(scan: Scan, options: ReconstructionOptions = ReconstructionOptio
     found = METHODS[options.method](fewer, options)
     bores = told_bores(fewer.cloud.points, found.normals, found.spacing_m, found.sigma_m)
     if options.method != "visibility":
-        return _nothing_lost(fewer, found, bores)
+        return _nothing_lost(found, bores)
     flats: tuple[Reconstruction, ...] = ()
     if options.flat:
         found, flats = served(fewer, found, options.seed, bores)
@@ -64,18 +63,15 @@ def reconstruct(scan: Scan, options: ReconstructionOptions = ReconstructionOptio
     found = served_sharp(fewer, found) if options.flat else found
     found = unplugged(fewer, found, flats, options.seed)
     found = contradicted(fewer, found, flats, options.seed)  # asked of what is shipped: led out edges may have mended the rest
-    return _nothing_lost(fewer, found, bores)
+    return _nothing_lost(found, bores)
 
 
-def _nothing_lost(scan: Scan, found: Reconstruction, bores: Sequence[Bore]) -> Reconstruction:
-    """What is shipped, with checks of whether it has all that was scanned."""
+def _nothing_lost(found: Reconstruction, bores: Sequence[Bore]) -> Reconstruction:
+    """What is shipped, with a check of whether it has the bores that were scanned."""
     if failed(found.checks):
         return found
-    cloud, h, sigma = scan.cloud, found.spacing_m, found.sigma_m
-    measured = cloud.points if cloud.is_inferred is None else cloud.points[~cloud.is_inferred]
-    crowds = lost_crowds(measured, found.mesh, STRAY_SIGMAS * sigma + h)  # edges between points are cut by up to 0.7 of it
     others = (check for check in found.checks if check.name != BORES_CLOSED)
-    return replace(found, checks=(*others, crowds, closed_bores(bores, found.mesh)))
+    return replace(found, checks=(*others, closed_bores(bores, found.mesh)))
 
 
 __all__ = [

@@ -18,8 +18,8 @@ from scan2fea.types import Check, FloatArray, TriangleMesh
 LOST_HOLES = "holes that flat faces close"
 HOLES_APART = "holes that flat faces tell otherwise"
 DEEP = 0.25  # of the wall, from both its faces: walls of a hole run through its middle
-WIDE, SIGMAS = 1.5, 3.0  # spacings and sigma of the radius of a hole that chance does not make
-CLEAR = 0.8  # of that radius about its middle is empty
+WIDE, SIGMAS = 1.5, 1.0  # spacings and sigma of the radius of a hole that chance does not make
+CLEAR = 0.6  # of that radius about such a place is empty: a surface through points narrows its holes, gaps by chance leave less
 APART = 4.0  # of that radius: what lies nearer counts as one hole, however long
 
 

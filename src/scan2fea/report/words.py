@@ -162,7 +162,6 @@ CAUSES: Mapping[str, str] = {
     "deviation p95": "surface too far from the points",
     "shape.deviation_p95": "surface too far from the points",
     "stray points": "points that belong to no surface",
-    "points off the solid that lie together": "a part of what was scanned was lost",
     "scanned bores that are closed": "a hole was lost",
     "surface.boundary_edges": "surface not closed",
     "surface.nonmanifold_edges": "surface not sound",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -38,6 +38,21 @@ class Answer(Value):
     n_tried: int
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Asked(Value):
+    """What every answer is asked on, as in `unseen`."""
+
+    points: FloatArray
+    is_inferred: BoolArray | None
+    n_hidden: int
+    sensors: FloatArray | None
+    ends: tuple[Ends, ...]
+    frame: IntArray | None
+    spacing_m: float
+    quality_weight: float
+    seed: int
+
+
 def unseen(
     points: FloatArray,
     is_inferred: BoolArray | None,
@@ -55,12 +70,23 @@ def unseen(
     frame : (n,) the scan each point came from, negative for none.
     """
     setting = prepare(points, options.seed)
+    asked = _Asked(
+        points=points,
+        is_inferred=is_inferred,
+        n_hidden=n_hidden,
+        sensors=sensors,
+        ends=ends,
+        frame=frame,
+        spacing_m=setting.spacing_m,
+        quality_weight=quality_weight,
+        seed=options.seed,
+    )
     best: Answer | None = None
     reason = "the rolling ball gives no answer"
     n = 0
     for n, flood in enumerate(floods(setting, options), start=1):
         try:
-            answer = _answer(points, is_inferred, n_hidden, sensors, ends, frame, flood, setting.spacing_m, quality_weight, options.seed, n)
+            answer = _answer(asked, flood, n)
         except ReconstructionError as error:
             reason = str(error)
             continue
@@ -69,56 +95,29 @@ def unseen(
         if {check.name for check in failed(answer.checks)} <= {GAPS_ENTERED}:
             break
         if WALL_ENDS in (check.name for check in failed(answer.checks)):  # the next answer may miss them by chance: it is the same scan
-            ends = (*ends, unseen_ends(answer.evidence))
+            asked = replace(asked, ends=(*asked.ends, unseen_ends(answer.evidence)))
     if best is None:
         raise ReconstructionError(f"no surface in {n} attempts without sensor positions ({reason}): give the sensor position")
-    if {check.name for check in failed(best.checks)} <= {GAPS_ENTERED, *BY_BORES}:
-        return _with_bores(points, is_inferred, n_hidden, sensors, ends, frame, best, setting.spacing_m, quality_weight, options.seed)
-    return best
+    return _with_bores(asked, best) if {check.name for check in failed(best.checks)} <= {GAPS_ENTERED, *BY_BORES} else best
 
 
-def _with_bores(
-    points: FloatArray,
-    is_inferred: BoolArray | None,
-    n_hidden: int,
-    sensors: FloatArray | None,
-    ends: tuple[Ends, ...],
-    frame: IntArray | None,
-    found: Answer,
-    spacing_m: float,
-    quality_weight: float,
-    seed: int,
-) -> Answer:
+def _with_bores(asked: _Asked, found: Answer) -> Answer:
     """The answer again with bores open that no ball enters and whose walls were scanned; that which was found where none is closed."""
-    bores = told_bores(points, found.evidence.normals, spacing_m, found.evidence.sigma_m)
+    bores = told_bores(asked.points, found.evidence.normals, asked.spacing_m, found.evidence.sigma_m)
     if closed_bores(bores, found.carved.mesh).passed:
         return found
     try:
-        again = _answer(
-            points, is_inferred, n_hidden, sensors, ends, frame, found.flood, spacing_m, quality_weight, seed, found.n_tried, tuple(bores)
-        )
+        again = _answer(asked, found.flood, found.n_tried, tuple(bores))
     except ReconstructionError:  # the first surface is one, and is told to close them
         return found
     opened = closed_bores(bores, again.carved.mesh).passed and len(failed(again.checks)) <= len(failed(found.checks))
     return again if opened else found
 
 
-def _answer(
-    points: FloatArray,
-    is_inferred: BoolArray | None,
-    n_hidden: int,
-    sensors: FloatArray | None,
-    ends: tuple[Ends, ...],
-    frame: IntArray | None,
-    flood: Flood,
-    spacing_m: float,
-    quality_weight: float,
-    seed: int,
-    n: int,
-    bores: tuple[Bore, ...] = (),
-) -> Answer:
+def _answer(asked: _Asked, flood: Flood, n: int, bores: tuple[Bore, ...] = ()) -> Answer:
+    points, spacing_m = asked.points, asked.spacing_m
     polished = polish(points, flood.signed, spacing_m)
-    normals, sigma, between = fitted(points, polished, spacing_m, frame)
+    normals, sigma, between = fitted(points, polished, spacing_m, asked.frame)
     for bore in bores:
         normals = facing_axis(bore, points, normals, spacing_m, sigma)
 
@@ -131,7 +130,7 @@ def _answer(
 
     blind = np.full_like(points, np.nan)
     carved = carve(
-        points, normals, blind, spacing_m, sigma, between_m=between, prior=prior, quality_weight=quality_weight, seed=seed,
+        points, normals, blind, spacing_m, sigma, between_m=between, prior=prior, quality_weight=asked.quality_weight, seed=asked.seed,
         kept=partial(in_bores, bores, share=WHOLE),
     )  # fmt: skip
     evidence = Evidence(
@@ -143,11 +142,11 @@ def _answer(
         gap_m=gaps(carved.clean.points, carved.clean.normals, spacing_m),
         spacing_m=spacing_m,
         sigma_m=sigma,
-        is_inferred=is_inferred,
-        n_hidden=n_hidden,
-        sensors=sensors,
-        ends_before=ends,
-        frame=frame,
+        is_inferred=asked.is_inferred,
+        n_hidden=asked.n_hidden,
+        sensors=asked.sensors,
+        ends_before=asked.ends,
+        frame=asked.frame,
         between_m=between,
     )
     volumes = carved.tetra.volumes()

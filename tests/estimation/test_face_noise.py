@@ -50,14 +50,19 @@ def test_each_face_has_its_own_noise_or_none():
     assert noise_of_faces("RHS", values, few[:, :2], 6e-4) is None
 
 
-def test_made_up_rays_have_unit_length_and_give_each_face_its_noise():
+@pytest.mark.parametrize("steepest", [1.0, 0.7])
+@pytest.mark.parametrize("is_across", [True, False])
+def test_made_up_rays_give_each_face_its_noise_and_lie_across_the_member_or_along_it(steepest, is_across):
     noise = np.array([2.0, 1.0, 1.5, 2.0]) * 1e-3
-    way, face = made_up_rays("rect", noise)
-    assert np.linalg.norm(way, axis=1) == pytest.approx(1.0)
+    way, face = made_up_rays("rect", noise, steepest, is_across)
+    if is_across:
+        assert np.linalg.norm(way, axis=1) == pytest.approx(1.0)
     axis = lines_of("rect")[0]
     for k in range(4):
         across = np.abs(way[face == k, axis[k]])
-        assert across == pytest.approx(noise[k] / 2e-3)
+        assert across == pytest.approx(steepest * noise[k] / 2e-3)
+        if not is_across:
+            assert not way[face == k, 1 - axis[k]].any()
         assert way[face == k, 1 - axis[k]].mean() == pytest.approx(0.0, abs=1e-12)
 
 
@@ -90,3 +95,17 @@ def test_a_wall_thinner_than_any_tube_s_is_one_face():
     assert told.parameters[0].value_m == pytest.approx(0.1398) and told.parameters[0].std_m == pytest.approx(2e-4, rel=0.01)
     usual = untold_wall(made("RHS", 1.2, {"h": 0.14, "b": 0.09, "t": 0.0015}, sigma=2e-4, std=1e-5))
     assert honest(points, usual, MemberOptions())[0].parameters[0].value_m == 0.14
+
+
+@pytest.mark.parametrize("inner", [("LEFT", "RIGHT"), ("TOP",)])
+def test_a_wall_that_is_not_told_and_has_an_inner_face_on_some_sides_only_is_one_face(inner):
+    seen = {f"{side}_OUTER": 1.0 for side in ("BOTTOM", "RIGHT", "TOP", "LEFT")} | {
+        f"{side}_INNER": float(side in inner) for side in ("LEFT", "TOP", "RIGHT", "BOTTOM")
+    }
+    tube = untold_wall(made("RHS", 1.2, {"h": 0.14, "b": 0.09, "t": 0.003}, sigma=2e-3, std=1e-5))
+    t = tube.parameters[2]
+    tube = dataclasses.replace(tube, seen=seen, parameters=(*tube.parameters[:2], dataclasses.replace(t, spread_m=1e-4), tube.parameters[3]))
+    told = honest(outer_faces(4_000, 5, (2e-3, 3e-3)), tube, MemberOptions())[0]
+    assert told.parameters[0].value_m == pytest.approx(0.1385) and told.parameters[2].spread_m is None
+    whole = dataclasses.replace(tube, seen=dict.fromkeys(seen, 1.0))
+    assert honest(outer_faces(4_000, 5, (2e-3, 3e-3)), whole, MemberOptions())[0].parameters[0].value_m == 0.14

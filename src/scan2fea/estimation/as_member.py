@@ -226,12 +226,14 @@ def honest(points: FloatArray, member: Member, options: MemberOptions) -> tuple[
     fixed = pinned(member.family, [*seen, *member.reached])
     fitted = [p.name for p in member.parameters if p.name != "length" and p.source == "fitted" and p.observable]
     why = {name: _REACH if name not in fixed else BLENDED for name in fitted if name not in fixed or name in one_face}
-    if member.family in ("RHS", "CHS") and (why.get("t") == BLENDED or _too_thin(member)):
+    by_noise = _is_by_noise(member)
+    if member.family in ("RHS", "CHS") and (why.get("t") == BLENDED or by_noise):
         member = _one_face(member)
     loose = [k for k, p in enumerate(member.parameters) if p.name in why]
     covariance = np.array(member.covariance)
     covariance[loose, :] = covariance[:, loose] = 0.0
-    unknown = {p.name for p in member.parameters if p.name in why or (p.spread_m is not None and p.name not in fixed)}  # not even nearly
+    told = fixed - {"t"} if by_noise else fixed
+    unknown = {p.name for p in member.parameters if p.name in why or (p.spread_m is not None and p.name not in told)}  # not even nearly
     open_walls = walls(member.family) if member.family not in ("RHS", "CHS") else ()
     parameters = tuple(_loose(p, guess=p.name in open_walls and why.get(p.name) == BLENDED) if p.name in unknown else p for p in member.parameters)
     return dataclasses.replace(member, parameters=parameters, covariance=covariance), why
@@ -242,10 +244,16 @@ def _loose(p: Parameter, *, guess: bool) -> Parameter:
     return dataclasses.replace(p, std_m=None, observable=False, spread_m=max(p.std_m or 0.0, _HALF * p.value_m) if guess else None)
 
 
-def _too_thin(member: Member) -> bool:
-    """A tube whose wall was fitted, is not told and is thinner than any tube's: faces whose noises differ look like two of one wall."""
-    t = next(p for p in member.parameters if p.name == "t")
-    return t.source == "fitted" and not t.observable and t.value_m < _THINNEST * max(member.values()[name] for name in PARAMETERS[member.family])
+def _is_by_noise(member: Member) -> bool:
+    """A tube whose wall was fitted and is not told, and that is thinner than any tube's or has an inner face on some sides only.
+
+    Faces whose noises differ look like two of one wall where they are rougher.
+    """
+    t = next((p for p in member.parameters if p.name == "t"), None)
+    if member.family not in ("RHS", "CHS") or t is None or t.source != "fitted" or t.observable:
+        return False
+    inner = [share >= SEEN for name, share in member.seen.items() if name.endswith("INNER")]
+    return t.value_m < _THINNEST * max(member.values()[name] for name in PARAMETERS[member.family]) or (any(inner) and not all(inner))
 
 
 def _one_face(member: Member) -> Member:

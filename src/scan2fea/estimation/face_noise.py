@@ -2,7 +2,7 @@
 
 Noise that is alike in all directions is as wide off every face. A scanner's acts along its rays: faces that it looked at head on are rougher than
 those that it saw aslant, and where a face ends is blurred otherwise than it is rough (`ray_noise.py`). Where the faces' own noises differ beyond
-chance, rays that would give each its own are made up, and what they would do to the dimensions is how far these may be off.
+chance, rays that would give each its own are made up in three ways, and the most that any would do to a dimension is how far it may be off.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ _APART = 3.0  # standard deviations from a face's ends: what lies nearer may be 
 _REACH = 3.5  # standard deviations off a face: what lies farther is a stray
 _LEAST = 50  # points of a face
 _CHANCE = 1e-3
-_FEET = 64
+_FEET = 32
+_WAYS = ((1.0, True), (1.0, False), (math.sqrt(0.5), True))  # cosine of the rays on the roughest face; whether they are aslant across the member
 
 
 def doubted_for_rays(points: FloatArray, member: Member, face_weight: FloatArray | None, seed: int) -> Member:
@@ -44,10 +45,11 @@ def doubted_for_rays(points: FloatArray, member: Member, face_weight: FloatArray
     if noise is None:
         return member
     weight = np.ones(len(noise)) if face_weight is None else face_weight
-    way, face = made_up_rays(member.family, noise)
-    bias = bias_of(member.family, values, member.sigma_m, member.noise, weight, way, face)
-    if bias is None or not np.isfinite(bias).all():
+    found = [bias_of(member.family, values, member.sigma_m, member.noise, weight, *made_up_rays(member.family, noise, *way)) for way in _WAYS]
+    told = [bias for bias in found if bias is not None and np.isfinite(bias).all()]
+    if not told:
         return member
+    bias = np.abs(told).max(axis=0)
     covariance, parameters = np.array(member.covariance), list(member.parameters)
     for k, p in enumerate(parameters[: len(values)]):
         if p.source == "fitted" and p.observable and p.std_m is not None:
@@ -81,14 +83,17 @@ def noise_of_faces(family: str, values: FloatArray, u: FloatArray, sigma_m: floa
     return noise if chdtrc(len(logs) - 1, scatter) < _CHANCE else None
 
 
-def made_up_rays(family: str, noise: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Directions (n, 2) of rays across the member that give each face its noise (f,), and the face that each hit: from both sides, aslant across
-    the member alone, the roughest face head on.
+def made_up_rays(family: str, noise: FloatArray, steepest: float, is_across: bool) -> tuple[FloatArray, IntArray]:
+    """Directions (n, 2) of rays across the member that give each face its noise (f,), and the face that each hit.
+
+    steepest : cosine between rays and normal of the roughest face.   is_across : they are aslant across the member, from both sides, else along it.
     """
     axis = lines_of(family)[0]
     face = np.repeat(np.arange(len(noise)), _FEET)
-    cosine = noise[face] / float(noise.max())
-    way = np.empty((len(face), 2))
-    side = np.where(np.arange(len(face)) % 2, 1.0, -1.0)
-    way[np.arange(len(face)), axis[face]], way[np.arange(len(face)), 1 - axis[face]] = cosine, side * np.sqrt(1 - cosine**2)
+    cosine = steepest * noise[face] / float(noise.max())
+    way = np.zeros((len(face), 2))
+    way[np.arange(len(face)), axis[face]] = cosine
+    if is_across:
+        side = np.where(np.arange(len(face)) % 2, 1.0, -1.0)
+        way[np.arange(len(face)), 1 - axis[face]] = side * np.sqrt(1 - cosine**2)
     return way, face

@@ -11,6 +11,7 @@ from scanned import scanned
 H, NOISE = 0.0045, 0.0012  # points of a plate, m
 HOLES = [("a", 0.05, 0.04, 0.009), ("a", 0.09, 0.04, 0.009)]
 POSE, AT = rotation(3), np.array([1.2, -0.4, 0.7])
+WIDER = moved(bracket(0.2, 0.15, 0.0135, 0.12, [("a", 0.07, 0.04, 0.009), ("a", 0.12, 0.08, 0.009)], 0.0002), POSE, AT)
 PART, WHOLE = (moved(bracket(0.14, 0.09, 0.0135, 0.08, holes, 0.0002), POSE, AT) for holes in (HOLES, []))
 
 
@@ -22,6 +23,13 @@ def test_bores_of_two_spacings_are_told_by_their_points_and_a_solid_that_lacks_t
     assert closed_bores(bores, PART).passed
     refused = closed_bores(bores, WHOLE)
     assert not refused.passed and refused.value == 2.0 and "bores" in refused.says
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_bore_into_whose_empty_circle_noise_has_carried_points_of_the_rim_is_told(seed):
+    scan, _, normals = scanned(WIDER, H, NOISE, seed=seed)
+    bores = told_bores(scan.cloud.points, normals, H, NOISE)  # empty to 6.8 mm at one of the two: the radius of it was held to 1.3 times that
+    assert sorted(bore.surface.radius for bore in bores) == pytest.approx([0.009, 0.009], rel=0.1)
 
 
 @pytest.mark.parametrize("noise", [0.0, NOISE, 2 * NOISE])

@@ -28,6 +28,7 @@ LEAST_DEEP = 3  # of these
 LEAST_POINTS = 5  # of the wall: two more than a circle needs
 RADIUS_KNOWN = 0.08  # std of a radius, of it
 EXACTLY = 0.02  # spacings: the same for exact points
+NARROWER, WIDER = 0.3, 1.3  # times the radius of its empty circle, and the noise that carries points of the rim into it, a hole may be
 ROUNDS = 8
 
 
@@ -166,7 +167,7 @@ def _fitted(
         if np.array_equal(own, before):
             break
         fit = fitted(surface, wall[own], free=along)
-        if fit is None or not 0.3 * start.radius < fit.radius < 1.3 * start.radius:
+        if fit is None or not NARROWER * start.radius < fit.radius < WIDER * start.radius + sigma_m:
             return None
         surface, before = fit, own
     is_told = is_deep[own].sum() >= LEAST_DEEP and _is_hole(surface, wall[own], near, flat, axes, off, sigma_m)

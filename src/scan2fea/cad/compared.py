@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from scan2fea.cad.live import as_splines, is_valid, joined_triangles, parts, tessellated
+from scan2fea.cad.live import as_splines, is_valid, joined_triangles, parts, tessellated, without_triangles
 from scan2fea.cad.readback import volume_of
 from scan2fea.kernel.coverage import STRAY_SPACINGS, is_unmeasured
 from scan2fea.kernel.distances import PointToMesh
@@ -75,6 +75,8 @@ def compared(solid: Any, mesh: TriangleMesh, points: FloatArray, middle: FloatAr
     if abs(volume / wanted - 1) > VOLUME_OFF:
         return Compared(problem=f"the solid of true faces holds {volume / wanted - 1:+.1%} of the volume of the surface more")
     shown, _ = triangles_of(solid, middle, scale.tolerance_m)
+    if not _closes(shown):  # no tets come of it
+        return Compared(problem="the triangles of the true faces do not close")
     holes = surface_topology(shown).n_handles, surface_topology(mesh).n_handles
     off: FloatArray = PointToMesh(shown).nearest(mesh.vertices).distance
     if holes[0] != holes[1]:
@@ -123,15 +125,37 @@ def points_lost(shown: TriangleMesh, mesh: TriangleMesh, points: FloatArray, sca
 
 
 def triangles_of(solid: Any, middle: FloatArray, tolerance_m: float, within_m: float = 0.0) -> tuple[TriangleMesh, IntArray]:
-    """The solid's triangles in metres where they are, and the face of each. within_m : points so near to each other are one."""
+    """The solid's triangles in metres where they are, and the face of each. within_m : points so near to each other are one.
+
+    Open Cascade leaves a cone without triangles in one of four positions, and a tip between two edges that nearly touch (a cylinder and a plane
+    0.03 mm apart: a crack, and a hole fewer by Euler's count): then other chords are tried, and B-splines.
+    """
     chord, within = max(CHORD * tolerance_m * MILLIMETRES_PER_METRE, 1e-3), within_m * MILLIMETRES_PER_METRE
     tessellated(solid, chord)
-    mesh, face = joined_triangles(faces_of(solid), within)
-    if len(np.unique(face)) < len(faces_of(solid)):  # Open Cascade leaves a cone without triangles in one of four positions
+    first = mesh, face = joined_triangles(faces_of(solid), within)
+    if not _is_whole(mesh, face, solid):
         splines = as_splines(solid)
-        tessellated(splines, chord)
-        mesh, face = joined_triangles(faces_of(splines), within)
+        for shape, factor in ((solid, 2.0), (solid, 0.5), (splines, 1.0)):
+            tessellated(without_triangles(shape), factor * chord)
+            mesh, face = joined_triangles(faces_of(shape), within)
+            if _is_whole(mesh, face, solid):
+                break
+        else:
+            mesh, face = (mesh, face) if _is_missing(first[1], solid) else first
     return TriangleMesh(vertices=mesh.vertices / MILLIMETRES_PER_METRE + middle, faces=mesh.faces, face_region=face), face
+
+
+def _is_whole(mesh: TriangleMesh, face: IntArray, solid: Any) -> bool:
+    return not _is_missing(face, solid) and _closes(mesh)
+
+
+def _closes(mesh: TriangleMesh) -> bool:
+    found = surface_topology(mesh)
+    return found.is_closed and found.is_manifold
+
+
+def _is_missing(face: IntArray, solid: Any) -> bool:
+    return len(np.unique(face)) < len(faces_of(solid))
 
 
 def faces_of(solid: Any) -> list[Any]:

@@ -14,7 +14,7 @@ from scan2fea.kernel.surfaces import PLANE, Surface
 from scan2fea.tetmeshing import fill
 from scan2fea.types import TriangleMesh
 
-SIDE, HIGH, EDGE, NOISE = 0.04, 0.02, 0.002, 5e-5
+SIDE, HIGH, EDGE, NOISE = 0.028, 0.012, 0.002, 5e-5
 
 
 @functools.cache
@@ -23,7 +23,7 @@ def wavy():
     block = box((SIDE, SIDE, HIGH), EDGE)
     at = block.vertices.copy()
     top = at[:, 2] > HIGH - 1e-9
-    at[top, 2] += 0.002 * np.sin(at[top, 0] / 0.004) * np.sin(at[top, 1] / 0.004)
+    at[top, 2] += 0.002 * np.sin(at[top, 0] / 0.0028) * np.sin(at[top, 1] / 0.0028)
     at += NOISE * np.random.default_rng(0).standard_normal(at.shape)
     return TriangleMesh(vertices=at, faces=block.faces), top[block.faces].all(1)
 
@@ -58,15 +58,15 @@ def test_a_sheet_crosses_each_surface_beside_it_once():
     mm = TriangleMesh(vertices=mesh.vertices * 1e3, faces=mesh.faces)
     planes, label = [], np.full(len(mm.faces), -1)
     middle = mm.vertices[mm.faces].mean(1)
-    for axis, side, value in ((0, -1, 0), (0, 1, 40), (1, -1, 0), (1, 1, 40), (2, -1, 0)):
-        normal, at = np.zeros(3), np.array([20, 20, 10.0])
+    for axis, side, value in ((0, -1, 0), (0, 1, 1e3 * SIDE), (1, -1, 0), (1, 1, 1e3 * SIDE), (2, -1, 0)):
+        normal, at = np.zeros(3), 500 * np.array([SIDE, SIDE, HIGH])
         normal[axis], at[axis] = side, value
         label[~top & (np.abs(middle[:, axis] - value) < 0.5)] = len(planes)
         planes.append(Surface(kind=PLANE, point=at, axis=normal))
     found = sheet(mm, np.flatnonzero(top), label, planes, 0.2, 3.5)
     assert len(found.faces) == top.sum()
     off = np.array([p.distance(found.vertices) for p in planes])
-    assert ((off[:4] > 0.15).sum(1) == 21).all()
+    assert ((off[:4] > 0.15).sum(1) == round(SIDE / EDGE) + 1).all()
     assert (np.abs(off[:4]) > 0.06).all()
     assert (off[4] < 0).all()
 

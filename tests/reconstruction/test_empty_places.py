@@ -6,7 +6,8 @@ import pytest
 
 from predicates import box, moved, rotation
 from scan2fea.kernel.distances import sample_surface
-from scan2fea.reconstruction.empty_places import BARE, CHANCE, discs_of, emptiness, empty_circles, empty_places
+from scan2fea.kernel.empty_circles import empty_circles
+from scan2fea.reconstruction.empty_places import BARE, CHANCE, discs_of, emptiness, empty_places
 from scan2fea.reconstruction.hidden_volume import LIMIT
 from scan2fea.reconstruction.sight import Sight
 from scan2fea.types import TriangleMesh

@@ -21,7 +21,7 @@ from scipy import ndimage
 from scipy.special import gammainc
 
 from scan2fea.estimation.holes import VOID_CELLS, VOID_POINTS
-from scan2fea.estimation.outline import edge_lengths
+from scan2fea.estimation.outline import edge_lengths, first_across, inward
 from scan2fea.kernel.sections import section
 from scan2fea.types import BoolArray, FloatArray, IntArray, Member, Section, Value
 
@@ -123,35 +123,11 @@ def _strips(shape: Section, cell: float) -> _Strips:
     low, high = number / n[edge] * long[edge], (number + 1) / n[edge] * long[edge]
     unit = way / long[:, None]
     at = start[edge] + (low + high)[:, None] / 2 * unit[edge]
-    inward = _inward(shape, unit)[edge]
-    hit, far = _first_across(at, inward, start, way, edge)
-    beyond = np.einsum("ij,ij->i", at + far[:, None] * inward - start[hit], unit[hit])
-    row = _row(_Strips(edge=edge, low=low, high=high, at=at, inward=inward, across=edge, wall_m=far), hit, beyond)
-    return _Strips(edge=edge, low=low, high=high, at=at, inward=inward, across=row, wall_m=far)
-
-
-def _inward(shape: Section, unit: FloatArray) -> FloatArray:
-    """(edges, 2) unit normals into the material: left of a loop that runs anticlockwise, and the material lies outside an opening."""
-    turn = []
-    for k, loop in enumerate(shape.loops):
-        x, y = loop.T
-        anticlockwise = float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) > 0
-        turn += [1.0 if anticlockwise == (k == 0) else -1.0] * len(loop)
-    return np.asarray(np.stack([-unit[:, 1], unit[:, 0]], axis=1) * np.array(turn)[:, None])
-
-
-def _first_across(at: FloatArray, inward: FloatArray, start: FloatArray, way: FloatArray, own: IntArray) -> tuple[IntArray, FloatArray]:
-    """The edge that each ray meets first, and how far away: (m,), (m,)."""
-    across = inward[:, None, 0] * way[None, :, 1] - inward[:, None, 1] * way[None, :, 0]
-    to = start[None] - at[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        far = (to[..., 0] * way[None, :, 1] - to[..., 1] * way[None, :, 0]) / across
-        part = (to[..., 0] * inward[:, None, 1] - to[..., 1] * inward[:, None, 0]) / across
-    met = (across != 0) & (far > 0) & (part >= -1e-9) & (part <= 1 + 1e-9)
-    met[np.arange(len(own)), own] = False
-    far = np.where(met, far, np.inf)
-    hit = far.argmin(axis=1)
-    return hit, far[np.arange(len(hit)), hit]
+    into = inward(shape)[edge]
+    hit, far = first_across(at, into, shape, edge)
+    beyond = np.einsum("ij,ij->i", at + far[:, None] * into - start[hit], unit[hit])
+    row = _row(_Strips(edge=edge, low=low, high=high, at=at, inward=into, across=edge, wall_m=far), hit, beyond)
+    return _Strips(edge=edge, low=low, high=high, at=at, inward=into, across=row, wall_m=far)
 
 
 def _row(strips: _Strips, edge: IntArray, along: FloatArray) -> IntArray:

@@ -7,7 +7,8 @@ Six figures, each with what it is measured against:
               about) is taken from points drawn from it.
     strays    Points off the surface by more than noise. Clutter is thin and anywhere; a second body, a stiffener or a dome is a crowd, and few of
               them are enough where they lie on a surface of their own (`attached.py`).
-    voids     Empty places enclosed in a face that was seen all around, and on which nothing else lies: holes (`holes.py`).
+    voids     Empty places enclosed in a face that was seen all around, and on which nothing else lies: holes (`holes.py`); narrow ones that both
+              faces of a wall and its inside tell together (`bored.py`).
     cuts      Places where a wall was cut through, to the rim or not: its cut was seen (`cuts.py`).
     ends      They are planes (`end_faces.py`).
     noise     The scatter around the member against the scatter of neighbouring points around their own surface.
@@ -26,6 +27,7 @@ from scipy.spatial import cKDTree
 from scipy.special import chdtr, chdtrc
 
 from scan2fea.estimation.attached import attached
+from scan2fea.estimation.bored import bored
 from scan2fea.estimation.cuts import Cut, cuts
 from scan2fea.estimation.end_faces import n_not_flat
 from scan2fea.estimation.holes import Covers, occupied, uncovered
@@ -45,6 +47,7 @@ MAX_EXCESS = 0.5  # of mill tolerance: noise of the member beyond that of its ne
 MAX_PATTERN = 0.1  # of the noise, where neighbours do not tell it
 MIN_SLENDER = 1.0  # length over the width of the section
 _POINTS = 60_000
+_MANY_POINTS = 400_000
 _CELL_POINTS = 15
 _STRAY = 4.0
 _NEIGHBOURS = 50  # points: fewer tell no scatter
@@ -158,6 +161,11 @@ def explanation(
     bare_walls = cuts(member, surface.side[flank], surface.edge[flank], surface.along[flank], surface.z[flank], sigma_m)
     not_flat = n_not_flat(surface.side, surface.beyond, sigma_m, reach, values["length"])
     reason = _reason(figures, voids, not_flat, member, along_rays) or _cut(bare_walls, member)
+    if not reason:  # all else explains the points: the narrow holes are asked for, of more of them
+        many = points[sampled_rows(len(points), _MANY_POINTS, seed)]
+        narrow = bored(member, sweep_of_member(member).coordinates(many), sigma_m, faces_tell=by_rays is None or by_rays.voids is None)
+        voids = len(uncovered(narrow, member, covers, sigma_m))
+        reason = _reason(figures, voids, not_flat, member, along_rays)
     said = reason or _praise(figures, member, len(holes) - bare)
     return Explanation(explains=not reason, reason=said, voids=voids, seen=seen, cells=cells.n, cuts=bare_walls, local_sigma_m=local_sigma, **figures)
 

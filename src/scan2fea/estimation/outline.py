@@ -23,6 +23,33 @@ def outline_distance(shape: Section, xy: FloatArray) -> tuple[FloatArray, IntArr
     return edges_distance(start, way, np.ascontiguousarray(xy, float))
 
 
+def inward(shape: Section) -> FloatArray:
+    """(edges, 2) unit normals into the material: left of a loop that runs anticlockwise, and the material lies outside an opening."""
+    way = np.concatenate([np.roll(loop, -1, axis=0) - loop for loop in shape.loops])
+    unit, turn = way / edge_lengths(shape)[:, None], []
+    for k, loop in enumerate(shape.loops):
+        x, y = loop.T
+        anticlockwise = float(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1))) > 0
+        turn += [1.0 if anticlockwise == (k == 0) else -1.0] * len(loop)
+    return np.asarray(np.stack([-unit[:, 1], unit[:, 0]], axis=1) * np.array(turn)[:, None])
+
+
+def first_across(at: FloatArray, direction: FloatArray, shape: Section, own: IntArray) -> tuple[IntArray, FloatArray]:
+    """The edge that each ray from a place (m, 2) on its own edge (m,) meets first, and how far away, m: (m,), (m,)."""
+    start = np.concatenate(shape.loops)
+    way = np.concatenate([np.roll(loop, -1, axis=0) - loop for loop in shape.loops])
+    across = direction[:, None, 0] * way[None, :, 1] - direction[:, None, 1] * way[None, :, 0]
+    to = start[None] - at[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        far = (to[..., 0] * way[None, :, 1] - to[..., 1] * way[None, :, 0]) / across
+        part = (to[..., 0] * direction[:, None, 1] - to[..., 1] * direction[:, None, 0]) / across
+    met = (across != 0) & (far > 0) & (part >= -1e-9) & (part <= 1 + 1e-9)
+    met[np.arange(len(own)), own] = False
+    far = np.where(met, far, np.inf)
+    hit = far.argmin(axis=1)
+    return hit, far[np.arange(len(hit)), hit]
+
+
 def section_distance(family: str, values: Mapping[str, float], xy: FloatArray, *, filled: bool = False) -> FloatArray:
     """Signed distance (n,) of points (n, 2) to the section of a family, negative in its material. filled : without its opening; circles are exact."""
     if family in ROUND:

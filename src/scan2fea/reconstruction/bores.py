@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from scan2fea.kernel.empty_circles import empty_circles
 from scan2fea.kernel.surfaces import CYLINDER, Surface, fitted
-from scan2fea.reconstruction.empty_circles import FACING, empty_circles
-from scan2fea.reconstruction.plane_growing import Planes
+from scan2fea.reconstruction.plane_growing import FACING, Planes
 from scan2fea.reconstruction.round_growing import off_round_m, radius_std
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 

@@ -18,14 +18,15 @@ from scipy.optimize import brentq
 from scipy.spatial import cKDTree
 
 from scan2fea.kernel.distances import PointToMesh
+from scan2fea.kernel.empty_circles import empty_circles
 from scan2fea.kernel.measures import face_areas, face_normals, volume
 from scan2fea.kernel.primitives import Plane
 from scan2fea.kernel.rays import RayScene, first_hits, scene_of
 from scan2fea.reconstruction.blurred_faces import from_outline
 from scan2fea.reconstruction.budget import UNSEEN_WALLS
-from scan2fea.reconstruction.empty_circles import FACING, empty_circles
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.hidden_volume import LIMIT
+from scan2fea.reconstruction.plane_growing import FACING
 from scan2fea.reconstruction.sight import Sight
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh, Value
 

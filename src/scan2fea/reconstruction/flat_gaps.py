@@ -19,13 +19,13 @@ from scan2fea.reconstruction.budget import WALL_ENDS
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.hidden_volume import REACH, hidden_check
 from scan2fea.reconstruction.pictures import Flat, Picture, patches, pictures, regions
+from scan2fea.reconstruction.plane_growing import FACING
 from scan2fea.reconstruction.sight import Sight
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh
 
 ENDS = 0.02  # of the volume: as `wall_ends`
 MOST_CARRIED = 0.5  # of a face: a gap is carried over that is no larger than what was measured of it
 BORDER = 1.75  # spacings from a measured point: random points leave 0.03 % of a face so bare
-FACING = -0.99  # cosine between the two faces of a wall
 WHOLE_END = 0.5  # of an end that the whole part lies behind: with less of it measured the part may go on there (`wall_ends`)
 SKIN = 0.05  # spacings under a face from which the other face of its wall is looked for: facets lie that far off the cylinder they stand for
 NONE_ROLLED: Mapping[int, Surface] = MappingProxyType({})

@@ -18,6 +18,7 @@ from scan2fea.reconstruction.hanging import Among
 from scan2fea.reconstruction.regular import EXACT, WAYS_TRIED, near_ways, regular
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
+FACING = -0.99  # cosine between the two faces of a wall
 NEIGHBORS = 16
 MOST_PLANES = 64  # the time grows as their cube
 SIGMAS, SPACINGS = 3.0, 0.02  # of a plane's points: within three sigma, and a fiftieth of the spacing for exact data

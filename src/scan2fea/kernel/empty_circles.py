@@ -1,4 +1,4 @@
-"""Circles that hold no point: where the faces of walls may have holes."""
+"""Circles in a plane that hold no point."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
 from scan2fea.types import FloatArray
-
-FACING = -0.99  # cosine between the two faces of a wall
 
 
 def empty_circles(flat: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from scan2fea.kernel.noise import noise_sigma, spacing
+from scan2fea.kernel.noise import noise_sigma, noise_there, spacing
 from scan2fea.kernel.transforms import random_rotation
 
 N = 8000
@@ -30,6 +30,15 @@ def test_spacing_of_a_grid_and_of_a_random_sheet():
 @pytest.mark.parametrize("make", [sheet, sphere])
 def test_sigma_of_sheets_and_spheres(make, sigma):
     assert noise_sigma(make(sigma)) == pytest.approx(sigma, rel=0.15)
+
+
+def test_the_noise_of_a_place_is_its_own():
+    points = sheet(0.001)
+    points[:, 2] *= np.where(points[:, 0] > np.median(points[:, 0]), 3.0, 1.0)
+    rows = np.flatnonzero(np.abs(points[:, 0] - np.median(points[:, 0])) > 0.3 * np.ptp(points[:, 0]))
+    found = noise_there(points, np.tile([0.0, 0.0, 1.0], (len(points), 1)), rows)
+    high = points[rows, 0] > np.median(points[:, 0])
+    assert np.sqrt(found[high].mean()) == pytest.approx(0.003, rel=0.1) and np.sqrt(found[~high].mean()) == pytest.approx(0.001, rel=0.1)
 
 
 def test_sigma_is_zero_without_noise_and_curvature_is_no_noise():

@@ -6,6 +6,7 @@ import pytest
 from predicates import assert_closed_manifold_oriented, box, moved, rotation, sphere
 from scan2fea.kernel.distances import PointToMesh, sample_surface
 from scan2fea.kernel.measures import area, face_normals, volume
+from scan2fea.kernel.noise import noise_sigma
 from scan2fea.kernel.side_normals import wall_depth
 from scan2fea.reconstruction import visibility
 from scan2fea.reconstruction.evidence import Evidence
@@ -57,6 +58,19 @@ def test_what_has_many_axes_or_none_is_no_body_of_revolution(mesh):
     normals = face_normals(mesh)[face]
     axis = axis_of(points, normals)
     assert axis is None or settled(axis, points, normals, H, 0.0) is None
+
+
+@pytest.mark.parametrize("oval_m", [0.0, 0.002])
+def test_noise_along_rays_hides_no_axis_and_an_oval_has_none(oval_m):
+    """Seen square on a face is twice as noisy as beside it; an oval of four of its deviations is none."""
+    points, face = sample_surface(TUBE, 20_000, 0)
+    normals = face_normals(TUBE)[face]
+    away = points[:, :2] / np.linalg.norm(points[:, :2], axis=1)[:, None]
+    points[:, :2] += oval_m * np.cos(2.0 * np.arctan2(points[:, 1], points[:, 0]))[:, None] * away
+    noise = 0.00025 * np.where(np.abs(normals[:, 2]) > 0.9, 1.0, 1.0 + (points[:, 2] > 0.15))
+    points += (noise * np.random.default_rng(0).standard_normal(len(points)))[:, None] * normals
+    found = settled(axis_of(points, normals), points, normals, np.sqrt(0.85 * area(TUBE) / len(points)), noise_sigma(points, normals))
+    assert (found is None) == (oval_m > 0.0)
 
 
 def test_a_gap_is_filled_from_its_own_rings_and_nothing_else_is():

@@ -19,6 +19,7 @@ _QUANTILE = 0.3  # patches across an edge read too high, so the scale is taken f
 _SHEET_SHARE = 0.5  # of a patch must lie on the point's own sheet: less is a stripe of the scan, or several sheets
 _SAME_SIDE = 0.3  # cosine between normals of one side of a wall
 _FLAT = 0.3  # a neighbourhood tells noise from shape only if it is this much thinner than wide
+_THERE = 24  # neighbours that tell the noise of one place, to a sixth
 
 
 def sampled_rows(n: int, at_most: int, seed: int) -> IntArray:
@@ -72,6 +73,16 @@ def noise_sigma(
         if sigma > below_m:  # wider neighbourhoods hold more of the noise, not less
             break
     return float("nan")
+
+
+def noise_there(points: FloatArray, normals: FloatArray, rows: IntArray) -> FloatArray:
+    """(m,) variance of the points across their surface round each of `rows`, m^2, 0 where too few lie on its side: along rays it goes with the angle.
+
+    points, normals : (n, 3), oriented. Residuals of a quadric over the nearest, as in `noise_sigma`; too small where noise is as wide as these reach.
+    """
+    near = k_nearest(points, min(_THERE, len(points)), points[rows])[1]
+    rms, _, used = patch_noise(points[near] - points[rows][:, None], _same_side(normals, rows, near))
+    return np.asarray(np.where(used > 2 * QUADRIC_TERMS, np.nan_to_num(rms), 0.0) ** 2)
 
 
 def _same_side(normals: FloatArray, rows: IntArray, near: IntArray) -> FloatArray:

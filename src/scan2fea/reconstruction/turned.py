@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.special import chdtri
 
 from scan2fea.kernel.inferred import with_inferred
-from scan2fea.kernel.noise import sampled_rows
+from scan2fea.kernel.noise import noise_there, sampled_rows
 from scan2fea.reconstruction.evidence import Evidence
 from scan2fea.reconstruction.wall_ends import BEYOND, passed
 from scan2fea.reconstruction.wall_ends import IN_WALL as BESIDE_MIDDLE
@@ -27,7 +28,7 @@ NEAR, NEAR_SIGMAS = 0.15, 4.0  # spacings and noises: reach in the half-plane wi
 OFF, OFF_SIGMAS = 0.1, 3.0  # the same: how far a point may lie off it
 LEANS = 0.5  # sine between a normal and its half-plane, noise and edges included
 BESIDE = 0.01  # of the points may do so
-EXCESS, BEND_SPACING = 1.15, 0.02  # noises and spacings that points scatter by about a flat face, and here about the meridian
+BY_CHANCE, BEND_SPACING = 1e-3, 0.02  # of places scatter so about a meridian that noise alone left; spacings by which it is bent between neighbours
 STEP = 0.7  # spacings between stations along the meridian, and between places round a ring
 ALIKE = 0.7  # cosine of normals of one face
 GAP, FREE = 1.75, 0.6  # spacings from points of the same face: random ones leave 0.03 % of a surface so bare; and of the places put in a gap
@@ -129,7 +130,7 @@ def settled(axis: Axis, points: FloatArray, normals: FloatArray, spacing_m: floa
         axis = Axis(point=axis.point + step[:2] @ e, way=way / np.linalg.norm(way))
     near = _Near.of(axis, points[rows], normals[rows], reach)
     leans = axis.meridian(points[rows], normals[rows])[2] > LEANS
-    fills = near.scatter > EXCESS * sigma_m + BEND_SPACING * spacing_m  # points of an oval, or a flat, fill a band
+    fills = near.scatter > near.due(np.maximum(sigma_m**2, noise_there(points, normals, rows))) + BEND_SPACING * spacing_m  # of an oval, or a flat
     return axis if np.mean(fills) <= BESIDE and np.mean((np.abs(near.height) > off) | leans) <= BESIDE else None
 
 
@@ -165,6 +166,15 @@ class _Near(Value):
         normal = np.where((n < FEW)[:, None], given, normal * np.where(np.einsum("ij,ij->i", normal, within) < 0, -1.0, 1.0)[:, None])
         scatter = np.sqrt(np.maximum(0.5 * (zz + rr - np.hypot(zz - rr, 2.0 * zr)), 0.0))
         return cls(at=at, normal=normal, height=np.einsum("ij,ij->i", at - middle, normal), scatter=scatter, one=one, other=other)
+
+    def due(self, variance: FloatArray) -> FloatArray:
+        """(n,) scatter about a line that noise of this variance, (n,) at each point, passes by chance in one place of a thousand.
+
+        Of the neighbours of a place two numbers are its line's; those of other places round the ring may be noisier: rays met the wall there.
+        """
+        n = np.bincount(self.one, minlength=len(self.at))
+        mean = _sums(variance[:, None], self.one, self.other)[:, 0] / n
+        return np.asarray(np.sqrt(mean * np.where(n > 2, chdtri(np.maximum(n - 2, 1), BY_CHANCE), 0.0) / n))
 
     def slopes(self, axis: Axis, points: FloatArray) -> FloatArray:
         """(n, 4) of the heights, by shift and tilt of the axis.

@@ -20,8 +20,10 @@ from scan2fea.types import FloatArray, TriangleMesh, Value
 
 ROTATIONS = 256  # random ones, beside those that lay axis on axis: some 30 degrees from the next
 TURN_DEG = 15.0  # steps about each principal axis: of a plate with bolt holes all directions but one are alike
-ROUNDS = ((200, 0, 40), (500, 10, 4), (4_000, 40, 1))  # points, rounds of least squares, how many of the best go on
+# points, rounds of least squares, how many of the best go on, steps beside these that are tried too
+ROUNDS = ((200, 0, 40, 0), (500, 10, 4, 2), (500, 10, 4, 2), (500, 10, 4, 0), (4_000, 40, 1, 0))
 ALIKE = 0.01  # of the size: poses that lay the points so near to each other are one
+STEP = 0.5  # of that: of a wall seen from one side alone either face lies on the other's place as well, a thickness off
 OUTSIDE = 3.0  # standard deviations (of the middle half) beyond which a point does not pull: it may lie on a dent, or on something else
 SETTLED = 1e-8  # of the size: a step that changes nothing any more
 
@@ -47,12 +49,13 @@ def best_fit(points: FloatArray, surface: TriangleMesh, seed: int = 0, shape: Fl
     from_middle, from_axes = _frame(points if shape is None else shape)
     starts = [axes @ turn @ from_axes.T for turn in (*_axis_turns(), *_random_turns(seed))]
     poses = [rigid(R, middle - R @ from_middle) for R in starts]
-    for n, rounds, kept in ROUNDS:
+    for n, rounds, kept, steps in ROUNDS:
         own = points[sampled_rows(len(points), n, seed)]
         if rounds:
             poses = [_improved(T, own, onto, normals, size, rounds) for T in poses]
         off = [float(np.minimum(onto.nearest(applied(T, own)).distance, size).mean()) for T in poses]
         poses = _different([poses[k] for k in np.argsort(off, kind="stable")], own, kept, ALIKE * size)
+        poses += [compose(rigid(np.eye(3), k * STEP * ALIKE * size * way), T) for T in poses for k in range(-steps, steps + 1) if k for way in axes.T]
     found = onto.nearest(applied(poses[0], points[sampled_rows(len(points), ROUNDS[-1][0], seed)])).distance
     return BestFit(T_surface_points=poses[0], sigma_m=_sigma(found))
 

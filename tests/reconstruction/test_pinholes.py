@@ -6,7 +6,7 @@ from scan2fea.kernel.delaunay import tetrahedralise
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction import visibility
-from scan2fea.reconstruction.pinholes import _handles
+from scan2fea.reconstruction.pinholes import _handles, _unlit
 from scan2fea.reconstruction.singular import boundary, resolve
 from scan2fea.simulation.shapes import bracket, chs
 from scan2fea.types import PointCloud, Scan
@@ -62,3 +62,16 @@ def test_holes_are_counted_as_the_topology_of_the_surface_says():
         found = resolve(tetra, inside, none, np.zeros(len(tetra)), inside.astype(float), 0.05)
         topology = surface_topology(boundary(tetra, found.inside)[0])
         assert topology.is_clean and _handles(tetra, found.inside) == topology.n_handles >= 1
+
+
+def test_a_channel_is_unlit_where_no_tet_of_it_was_entered():
+    tetra = tetrahedralise(np.random.default_rng(1).random((2000, 3)), 0.07, 0)
+    middle = tetra.points[tetra.tets].mean(axis=1)
+    hole = ~tetra.is_box & (np.hypot(middle[:, 0] - 0.5, middle[:, 1] - 0.5) < 0.15)
+    inside = ~tetra.is_box & ~hole
+    dark = np.ones(len(tetra), bool)
+    chosen = _unlit(tetra, inside, 1.0, dark)
+    assert chosen.sum() > 0.8 * hole.sum() and not (chosen & inside).any()
+    dark[np.flatnonzero(chosen)[0]] = False
+    assert not _unlit(tetra, inside, 1.0, dark).any()
+    assert not _unlit(tetra, ~tetra.is_box, 1.0, np.ones(len(tetra), bool)).any()

@@ -29,7 +29,8 @@ from scan2fea.reconstruction.gates_surface import (
     stray,
 )
 from scan2fea.reconstruction.hidden_volume import REACH, REACH_UNSEEN, hidden_volume
-from scan2fea.reconstruction.wall_ends import wall_ends
+from scan2fea.reconstruction.unseen_rims import UNSEEN_RIMS, unseen_rims
+from scan2fea.reconstruction.wall_ends import stretches, told_ends
 from scan2fea.types import Check
 
 UNMEASURED_SEEN, UNMEASURED_UNSEEN = 0.10, 0.02  # of the area, with and without sensor positions
@@ -51,7 +52,7 @@ def gates_seen(evidence: Evidence, held: float) -> tuple[Check, ...]:
         *scans(evidence),
         *coverage(evidence, UNMEASURED_SEEN, sigma),
         hidden_volume(evidence.mesh, evidence.nearest_backed, evidence.spacing_m),
-        wall_ends(evidence),
+        *_ends(evidence),
         bare_ends(evidence),
         cut_agrees(held),
         deviation(nearest.distance, limit),
@@ -73,7 +74,7 @@ def gates_unseen(evidence: Evidence, unseen: Unseen) -> tuple[Check, ...]:
         *mixed(evidence),
         *coverage(evidence, UNMEASURED_UNSEEN, sigma),
         hidden_volume(evidence.mesh, evidence.nearest_backed, evidence.spacing_m, REACH_UNSEEN),
-        wall_ends(evidence),
+        *_ends(evidence),
         bare_ends(evidence),
         *winding_agrees(evidence),
         signs_agree(evidence, unseen),
@@ -102,14 +103,20 @@ def gates_again(evidence: Evidence, before: tuple[Check, ...], seen: bool) -> tu
         *rims(evidence),
         *coverage(evidence, UNMEASURED_SEEN if seen else UNMEASURED_UNSEEN, sigma),
         hidden_volume(evidence.mesh, evidence.nearest_backed, evidence.spacing_m, REACH if seen else REACH_UNSEEN),
-        wall_ends(evidence),
+        *_ends(evidence),
         bare_ends(evidence),
         deviation(distance, (DEVIATION_SEEN if seen else DEVIATION_UNSEEN) * (sigma + least)),
         stray(points, distance, STRAY_SIGMAS * sigma + STRAY_SPACINGS * evidence.spacing_m),
         *(() if seen else (*winding_agrees(evidence), afloat(evidence.mesh, points, distance, evidence.spacing_m, sigma))),
     )
-    names = {VOLUME_IN_DOUBT, *(check.name for check in asked)}
+    names = {VOLUME_IN_DOUBT, UNSEEN_RIMS, *(check.name for check in asked)}
     return in_all(*asked, *(check for check in before if check.name not in names))
+
+
+def _ends(evidence: Evidence) -> tuple[Check, ...]:
+    """What may hide beyond ends of walls without points, and which holes have no other rim."""
+    unproved, every = stretches(evidence)
+    return (told_ends(evidence, unproved, every), *unseen_rims(evidence.mesh, every))
 
 
 def in_all(*checks: Check) -> tuple[Check, ...]:

@@ -28,6 +28,7 @@ from scan2fea.reconstruction.round_cuts import Shapes
 from scan2fea.reconstruction.round_growing import CHORD
 from scan2fea.reconstruction.rounds import on_rounds
 from scan2fea.reconstruction.sight import Sight, blocked_lines
+from scan2fea.reconstruction.unseen_rims import UNSEEN_RIMS
 from scan2fea.reconstruction.visibility import DARK_HOLES, Reconstruction
 from scan2fea.reconstruction.wall_ends import ends_left
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, Scan, TriangleMesh
@@ -40,9 +41,10 @@ BENT = 0.01  # of the points may lie on faces that are bent
 BEND_CHANCE, BEND_NOISE = 1e-6, 0.3  # a quadric bends by more than chance, and by more than this share of the noise
 BEND_SPACING = 0.02
 BEND_CHANCE_ONE = 1e-3  # of one face asked alone, where only an edge hangs on it
-CURED = frozenset(
-    {BARE_ENDS, EDGES_GROWN, EDGES_CUT, VOLUME_IN_DOUBT, "deviation p95", "stray points", "unmeasured area", HIDDEN_VOLUME, DARK_HOLES, GAPS_ENTERED}
-)
+CURED = frozenset({
+    BARE_ENDS, EDGES_GROWN, EDGES_CUT, VOLUME_IN_DOUBT, "deviation p95", "stray points", "unmeasured area", HIDDEN_VOLUME, DARK_HOLES, UNSEEN_RIMS,
+    GAPS_ENTERED,
+})  # fmt: skip
 LEAST_POINTS, MANY = 10, 40  # of a face: to be tested whether it is bent, and to be tested alone
 UNCERTAIN = 0.02  # of the volume that the places of the planes leave open
 APART = 0.03  # of the volume that the solid and the first surface differ by, besides what rims explain

@@ -5,7 +5,7 @@ buries few points when it is filled has no wall of its own: nothing was measured
 that was scanned is wider, or keeps the points of its wall. The ball of a channel through a wall of two spacings is larger than its mouths: there
 the points that its wall would hold are counted against those it has, and the mouths against the gaps that chance leaves in so many points. Where both
 skins of a wall were hidden such a channel may be wider still; then only what no sight line has crossed is filled, and one beside which other points
-lie stays, and is told: it may be a bore.
+lie stays, and is told: it may be a bore; but one that no line enters at all is filled, whatever lies beside it.
 """
 
 from __future__ import annotations
@@ -79,6 +79,7 @@ def without_pinholes(
         without = _filled(tetra, found, votes, source, spacing_m, lambda inside: free & _by_chance(tetra, inside, spacing_m, DOUBTED, BARE**2))
         return replace(found, n_dark=_handles(tetra, found.inside) - _handles(tetra, without.inside))
     found = _filled(tetra, found, votes, source, spacing_m, lambda inside: dark & _between_skins(tetra, inside, WIDE * spacing_m, normals))
+    found = _filled(tetra, found, votes, source, spacing_m, lambda inside: _unlit(tetra, inside, WIDE * spacing_m, dark))
     without = _filled(tetra, found, votes, source, spacing_m, lambda inside: dark & _channels(tetra, inside, WIDE * spacing_m)[0])
     return replace(found, n_dark=_handles(tetra, found.inside) - _handles(tetra, without.inside))
 
@@ -106,6 +107,13 @@ def _between_skins(tetra: Tetrahedralisation, inside: BoolArray, radius_m: float
         across = np.linalg.eigh(normal.T @ normal)[1][:, -1]
         out |= own & bool((np.abs(normal @ across) >= ON_SKIN).all())
     return out
+
+
+def _unlit(tetra: Tetrahedralisation, inside: BoolArray, radius_m: float, dark: BoolArray) -> BoolArray:
+    """(m,) tets of channels no tet of which a sight line enters: what lies beside them was not seen through them, or was put there (`turned`)."""
+    sets = _sets(tetra, inside, radius_m)
+    n_lit = np.bincount(sets.part, ~dark[sets.rows], minlength=len(sets.n_open))
+    return sets.chosen((sets.n_open >= 2) & (n_lit == 0), len(tetra))
 
 
 def _crossed(tetra: Tetrahedralisation, capacity: FloatArray) -> BoolArray:

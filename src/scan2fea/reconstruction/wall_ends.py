@@ -62,8 +62,13 @@ def wall_ends(evidence: Evidence, limit: float = LIMIT) -> Check:
     An end of length P round a hole encloses at most P^2 / (4 pi) of wall, at an edge twice that, at a corner four times; where more than half of an
     end that the whole part lies behind has no points, anything may be beyond. Where sight lines pass beyond an end it may reach as far as these.
     """
+    return told_ends(evidence, *stretches(evidence), limit)
+
+
+def told_ends(evidence: Evidence, unproved: list[Stretch], every: list[Stretch], limit: float = LIMIT) -> Check:
+    """As `wall_ends`, of the ends that `stretches` has found."""
     before = (_still_there(ends, evidence.mesh, evidence.spacing_m, evidence.sigma_m) for ends in evidence.ends_before)
-    return _told(max((unseen_ends(evidence), *before), key=lambda ends: ends.share), limit)
+    return _told(max((_hidden(evidence, unproved, every), *before), key=lambda ends: ends.share), limit)
 
 
 def ends_left(ends: tuple[Ends, ...], mesh: TriangleMesh, spacing_m: float, sigma_m: float) -> Check:
@@ -81,10 +86,13 @@ def _told(ends: Ends, limit: float) -> Check:
 
 def unseen_ends(evidence: Evidence) -> Ends:
     """The ends of walls of this surface on which nothing was measured."""
+    return _hidden(evidence, *stretches(evidence))
+
+
+def _hidden(evidence: Evidence, unproved: list[Stretch], every: list[Stretch]) -> Ends:
     mesh = evidence.mesh
     body, normals, areas = abs(volume(mesh)), face_normals(mesh), face_areas(mesh)
     hidden, where = list[float](), list[FloatArray]()
-    unproved, every = stretches(evidence)
     for stretch in every:
         ends = np.isfinite(stretch.slack_m)
         if ends.any():

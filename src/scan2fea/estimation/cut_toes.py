@@ -62,9 +62,9 @@ def _is_cut(local: FloatArray, beside: Face, face: Face, sigma: float) -> bool:
     ends = np.arange(max(low + 2.0, -_SHIFT), _SHIFT, _CELL)
     hump = 0.5 * (face.high - face.low) / sigma  # of a toe as dense as the two faces beside it
     counts = counts * min(_MOST / counts.sum(), 1.0)
-    tried = [(_gauss, *toe) for toe in _TOES] + [(law, *toe) for law in (_box, _ball) for toe in _OTHER_LAWS]
+    tried = [(gauss, *toe) for toe in _TOES] + [(law, *toe) for law in (box, _ball) for toe in _OTHER_LAWS]
     toes = [_level(counts, bounds, ends, law, blur, hump_blur, share * hump) for law, blur, hump_blur, share in tried]
-    return _level(counts, bounds, ends, _gauss, _SHARP, 1.0, 0.0) > max(toes) + _SURER
+    return _level(counts, bounds, ends, gauss, _SHARP, 1.0, 0.0) > max(toes) + _SURER
 
 
 def _level(counts: FloatArray, bounds: FloatArray, ends: FloatArray, law: Law, blur: float, hump_blur: float, hump: float) -> float:
@@ -80,12 +80,12 @@ def _level(counts: FloatArray, bounds: FloatArray, ends: FloatArray, law: Law, b
     return float((np.log(share * stray + (1 - share) * mass) @ counts).max())
 
 
-def _gauss(x: FloatArray) -> FloatArray:
+def gauss(x: FloatArray) -> FloatArray:
     """Share of the noise below x, of unit variance."""
     return np.asarray(ndtr(x))
 
 
-def _box(x: FloatArray) -> FloatArray:
+def box(x: FloatArray) -> FloatArray:
     """The same of noise that is even along a line."""
     return np.asarray(np.clip(0.5 + x / math.sqrt(12), 0.0, 1.0))
 

@@ -17,6 +17,7 @@ from scan2fea.estimation.corner_noise import doubted_for_corners
 from scan2fea.estimation.outline import edge_lengths, outline_distance
 from scan2fea.estimation.ray_noise import bias_of
 from scan2fea.estimation.swept import sweep_of_member
+from scan2fea.estimation.toe_noise import doubted_for_toes
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.section_likelihood import lines_of
 from scan2fea.kernel.sections import PARAMETERS, ROUND, section
@@ -41,6 +42,7 @@ def doubted_for_rays(points: FloatArray, member: Member, face_weight: FloatArray
     values = np.array([member.values()[name] for name in PARAMETERS[member.family]])
     local = sweep_of_member(member).coordinates(points[sampled_rows(len(points), _POINTS, seed)])
     member = doubted_for_corners(local[(local[:, 2] > 0) & (local[:, 2] < member.values()["length"]), :2], member)
+    member = doubted_for_toes(local, member)
     noise = noise_of_faces(member.family, values, local[:, :2], member.sigma_m)
     if noise is None:
         return member

@@ -81,11 +81,10 @@ def test_a_bar_seen_from_the_side_alone_is_refused_and_one_seen_all_round_is_not
     assert BARE_ENDS in [check.name for check in failed(reconstruct(scan_of(scan.cloud.points[side], scan.sensors()[side])).checks)]
 
 
-@pytest.mark.parametrize("sigma", [0.0, 2e-4])
-def test_points_on_one_cylinder_alone_are_refused_and_no_fault(sigma):
+@pytest.mark.parametrize(("sigma", "sensors"), [(0.0, False), (2e-4, True)])
+def test_points_on_one_cylinder_alone_are_refused_and_no_fault(sigma, sensors):
     rng = np.random.default_rng(0)
     points = bar_points(0)
     out = np.column_stack([points[:, :2] / RADIUS, np.zeros(len(points))])
     points = points + sigma * rng.standard_normal(points.shape)
-    assert failed(reconstruct(scan_of(points, points + 3.0 * out)).checks)
-    assert failed(reconstruct(Scan(cloud=PointCloud.of(points))).checks)
+    assert failed(reconstruct(scan_of(points, points + 3.0 * out) if sensors else Scan(cloud=PointCloud.of(points))).checks)

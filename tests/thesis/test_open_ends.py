@@ -108,6 +108,6 @@ def test_limits_are_read_off_the_maps(bench, monkeypatch):
 
     monkeypatch.setattr("scan2fea.thesis.hypotheses.trials", trial)
     rows = limits(bench).table.rows
-    assert [row[2] for row in rows[:3]] == [pytest.approx(1e-3 / WALL_M), pytest.approx(1e-3 / WALL_M), None]
-    assert len(rows) == 5 and all(row[2] == pytest.approx(6e-3 / WALL_M) for row in rows[3:])
+    assert [row[2] for row in rows[:2]] == [pytest.approx(1e-3 / WALL_M), None]
+    assert len(rows) == 4 and all(row[2] == pytest.approx(6e-3 / WALL_M) for row in rows[2:])
     assert dataclasses.is_dataclass(Trial)

@@ -128,7 +128,8 @@ def _of_wall(wall: _Wall, z: FloatArray, length: float, sigma_m: float, faces_te
     reach = radius[rows] + _NEAR_SIGMAS * sigma_m
     found, chance = np.zeros((2, len(rows)))
     if len(deep):
-        found, beside = (_count(cKDTree(deep), middle[rows], times * reach) for times in (1.0, _BESIDE))
+        within = cKDTree(deep)
+        found, beside = (_count(within, middle[rows], times * reach) for times in (1.0, _BESIDE))
         shares = (math.pi * reach**2 / ((wall.high + over - wall.low) * length), _count(near, middle[rows], reach) / len(face))
         chance = np.maximum(len(deep) * np.maximum(*shares), (beside - found) / (_BESIDE**2 - 1))
     told = faces + poisson.logsf(found - 1, chance) < math.log(_CHANCE / len(radius))

@@ -49,3 +49,15 @@ def test_normals_on_the_wall_of_a_bore_face_its_axis_and_the_others_stay():
     assert own.sum() >= len(bores[0].wall)
     true = np.einsum("ij,ij->i", turned[own], normals[own])
     assert np.median(true) > 0.8  # the exact normals face the axis
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.1, 1), (0.6, 2)])
+def test_points_round_an_empty_circle_that_lie_in_a_band_across_it_are_of_another_face(share, told):
+    scan, _, normals = scanned(PART, H, NOISE, seed=0)
+    points = scan.cloud.points.copy()
+    bore = told_bores(points, normals, H, NOISE)[0]
+    axis = bore.surface.axis
+    own = (points[:, None] == bore.wall).all(axis=2).any(axis=1)
+    along = points[own] @ axis
+    points[own] += (share - 1.0) * (along - along.mean())[:, None] * axis
+    assert len(told_bores(points, normals, H, NOISE)) == told

@@ -29,6 +29,7 @@ HELD = 0.4  # of the points due on the wall of a bore between its two faces: noi
 DEEPEST = 8.0  # times that radius: from one face to the other
 SECTORS = 6  # of AROUND that hold some
 FREE, CHANCE = 3, 0.05  # centre and radius are fitted; that points of a circle scatter so far about it
+BAND_CHANCE = 1e-3  # that the points on the wall of a bore reach over so little of its depth
 CORE, BOTTOM = 0.7, 3  # of the radius: so many points of a bottom lie nearer to the axis, of the wall none
 WHOLE = 1.2  # of the radius: tets at the wall of a bore too
 STEPS = 64  # places on the axis
@@ -80,9 +81,12 @@ def in_bores(bores: Sequence[Bore], tetra: Tetrahedralisation, share: float = CO
 def _is_told(bore: Bore, points: FloatArray, spacing_m: float, sigma_m: float) -> bool:
     surface, wall = bore.surface, bore.wall
     along, aside = _along(surface, wall), (wall - surface.point) @ surface.frame().T
-    due = 2.0 * math.pi * surface.radius * (bore.depth_m - 2.0 * CLEAR * sigma_m) / spacing_m**2
+    deep = bore.depth_m - 2.0 * CLEAR * sigma_m
+    due = 2.0 * math.pi * surface.radius * deep / spacing_m**2
     sectors = np.unique(np.floor(np.arctan2(aside[:, 1], aside[:, 0]) / (2.0 * np.pi) * AROUND))
     if surface.radius > WIDEST * spacing_m or bore.around < SECTORS or len(wall) < HELD * due or len(sectors) < SECTORS:
+        return False
+    if _in_a_band(np.ptp(along) / deep, len(wall)):
         return False
     spread = sigma_m + CHORD * spacing_m
     if chdtrc(len(wall) - FREE, float((surface.distance(wall) ** 2).sum()) / spread**2) < CHANCE:
@@ -91,6 +95,14 @@ def _is_told(bore: Bore, points: FloatArray, spacing_m: float, sigma_m: float) -
     near = points[(every > along.min()) & (every < along.max())]
     off = near - surface.point
     return bool(np.sum(np.linalg.norm(off - np.outer(off @ surface.axis, surface.axis), axis=1) < CORE * surface.radius) < BOTTOM)
+
+
+def _in_a_band(reach: float, n: int) -> bool:
+    """Do n points reach over less of the depth than those of a bore's wall would? They are of a face across it then. reach : share of the depth.
+
+    n uniform draws reach over at most x of their range with probability n x^(n-1) - (n-1) x^n.
+    """
+    return bool(reach < HELD and n * reach ** (n - 1) - (n - 1) * reach**n < BAND_CHANCE)
 
 
 def _along(surface: Surface, points: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ from scan2fea.reconstruction.advancing_front import FrontOptions, advancing_fron
 from scan2fea.reconstruction.ball_pivoting import PivotOptions, ball_pivoting
 from scan2fea.reconstruction.bores import Bore
 from scan2fea.reconstruction.gates import failed
+from scan2fea.reconstruction.gates_planar import CURED
 from scan2fea.reconstruction.lost_bores import BORES_CLOSED, closed_bores, told_bores
 from scan2fea.reconstruction.open_sheet import open_sheet
 from scan2fea.reconstruction.planar import planar, served
@@ -24,7 +25,7 @@ from scan2fea.reconstruction.scale_space import ScaleSpaceOptions, scale_space
 from scan2fea.reconstruction.sharpened import served_sharp
 from scan2fea.reconstruction.thin import distinct, thinned
 from scan2fea.reconstruction.two_answers import contradicted
-from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, told_images, visibility
+from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, first_surface, looked_again, told_images, visibility
 from scan2fea.types import Scan
 
 METHODS: Mapping[str, Callable[[Scan, VisibilityOptions], Reconstruction]] = {
@@ -52,18 +53,40 @@ def reconstruct(scan: Scan, options: ReconstructionOptions = ReconstructionOptio
     if len(fewer.cloud) and np.isfinite(fewer.cloud.points).all() and told_images(fewer, options) is None:
         # neighbours side by side in memory: half the time
         fewer = Scan(cloud=fewer.cloud.take(morton_order(fewer.cloud.points)), rays=fewer.rays)
-    found = METHODS[options.method](fewer, options)
-    bores = told_bores(fewer.cloud.points, found.normals, found.spacing_m, found.sigma_m)
     if options.method != "visibility":
-        return _nothing_lost(found, bores)
-    flats: tuple[Reconstruction, ...] = ()
-    if options.flat:
-        found, flats = served(fewer, found, options.seed, bores)
+        found = METHODS[options.method](fewer, options)
+        return _nothing_lost(found, _bores(fewer, found))
+    found, flats, bores = _with_flats(fewer, options)
     found = served_smooth(fewer, found) if options.smooth else found
     found = served_sharp(fewer, found) if options.flat else found
     found = unplugged(fewer, found, flats, options.seed)
     found = contradicted(fewer, found, flats, options.seed)  # asked of what is shipped: led out edges may have mended the rest
     return _nothing_lost(found, bores)
+
+
+def _with_flats(scan: Scan, options: ReconstructionOptions) -> tuple[Reconstruction, tuple[Reconstruction, ...], Sequence[Bore]]:
+    """The surface, of flat faces where these explain the points; the solids of flat faces that were refused; the bores that the points tell.
+
+    Where flat faces may cure all that is against the first surface they are asked before it is looked for again: that takes several times as long.
+    """
+    begun = first_surface(scan, options)
+    found, bores = begun.surface, _bores(scan, begun.surface)
+    flats: tuple[Reconstruction, ...] = ()
+    against = {check.name for check in failed(found.checks)}
+    curable = options.flat and against <= CURED
+    if curable:
+        found, flats = served(scan, found, options.seed, bores)
+    if not against or not failed(found.checks):
+        return found, flats, bores
+    again = looked_again(scan, options, begun)
+    if not options.flat or (curable and again is begun.surface):
+        return (found if curable else again), flats, bores
+    bores = _bores(scan, again)
+    return *served(scan, again, options.seed, bores), bores
+
+
+def _bores(scan: Scan, found: Reconstruction) -> Sequence[Bore]:
+    return told_bores(scan.cloud.points, found.normals, found.spacing_m, found.sigma_m)
 
 
 def _nothing_lost(found: Reconstruction, bores: Sequence[Bore]) -> Reconstruction:

@@ -78,11 +78,24 @@ class Reconstruction(Value):
     ends: tuple[Ends, ...] = ()
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class First(Value):
+    """A surface that nothing was mended of yet.   evidence : what it was judged on; None where there is no other way to look at the points."""
+
+    surface: Reconstruction
+    evidence: Evidence | None = None
+
+
 def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> Reconstruction:
     """The closed surface of one object.
 
     Raises ReconstructionError for fewer than LEAST_POINTS points, points that all coincide, or if nothing is inside.
     """
+    return looked_again(scan, options, first_surface(scan, options))
+
+
+def first_surface(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> First:
+    """The surface by the sensors, or without those that are not known or do not stand the test. Raises ReconstructionError as `visibility`."""
     cloud = scan.cloud
     require(
         len(cloud) >= LEAST_POINTS,
@@ -94,16 +107,23 @@ def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> 
     require(h > 0, ReconstructionError, "all points coincide: there is no surface to find")
     images = told_images(scan, options)
     if images is not None:
-        return _ranged(scan, options, images, h)
+        return First(surface=_ranged(scan, options, images, h))
     sensors = scan.sensors()
     measured = np.flatnonzero(np.ones(len(cloud), bool) if cloud.is_inferred is None else ~cloud.is_inferred)
     known = np.asarray(np.isfinite(sensors).all(axis=1))
     if not options.use_sensors or known[measured].mean() < KNOWN_SHARE:
-        return _unseen(scan, options, "unknown", {})
+        return First(surface=_unseen(scan, options, "unknown", {}))
     found = _seen(cloud, options, sensors, h)
-    if found is None:
-        return _unseen(scan, options, "rejected", {})
-    seen = _with_unseen(cloud, options, sensors, h, *found) if failed(found[0].checks) else found[0]
+    return First(surface=_unseen(scan, options, "rejected", {})) if found is None else First(surface=found[0], evidence=found[1])
+
+
+def looked_again(scan: Scan, options: VisibilityOptions, first: First) -> Reconstruction:
+    """The surface by the sensors; where it is refused, with what follows from what was seen, or without the sensors if fewer checks refuse that."""
+    cloud, evidence = scan.cloud, first.evidence
+    if evidence is None or not failed(first.surface.checks):
+        return first.surface
+    h = evidence.spacing_m
+    seen = _with_unseen(cloud, options, scan.sensors(), h, first.surface, evidence)
     if not failed(seen.checks):
         return seen
     try:  # sensors that stand the test can still be too few: one look along a beam grazes all its faces

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from drawn import drawing, triangles
+from predicates import l_beam
 from scan2fea.cad.evidence import asked_for
 from scan2fea.cad.patches import Patches, segmented
 from scan2fea.kernel.measures import volume
@@ -47,6 +48,19 @@ def test_what_the_points_ask_for_stays(draw, wanted):
     again = asked_for(mesh, found, *points_of(mesh))
     assert kinds(again) == wanted
     assert (again.label == found.label).all()
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+def test_toes_one_triangle_wide_stay_where_the_vertices_are_the_points(noise):
+    """All corners of a toe of the angle lie on the faces beside it; four of its eight faces had gone."""
+    mesh = l_beam(length=0.4, pitch=0.00635)
+    corners = mesh.vertices + noise * np.random.default_rng(3).standard_normal(mesh.vertices.shape)
+    mesh = TriangleMesh(vertices=corners, faces=mesh.faces)
+    face = np.zeros(len(corners), np.int64)
+    face[mesh.faces] = np.arange(len(mesh.faces))[:, None]
+    found = segmented(mesh, 3 * noise + 1.3e-4)
+    assert kinds(found) == [PLANE] * 8
+    assert kinds(asked_for(mesh, found, corners, face)) == [PLANE] * 8
 
 
 def test_a_piece_whose_points_lie_on_its_neighbour_is_part_of_it():

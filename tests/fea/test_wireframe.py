@@ -1,4 +1,5 @@
 import math
+import re
 
 import numpy as np
 import pytest
@@ -7,6 +8,7 @@ from fea.test_deck import calculix
 from scan2fea.errors import SolveError
 from scan2fea.fea import FeaOptions
 from scan2fea.fea.wireframe import frame_model, frame_result_rows, solve_frame, write_frame_inp
+from scan2fea.kernel.transforms import random_rotation
 
 NODES = np.array([[0, 0, 0], [0, 0, 2.0], [2.0, 0, 2.0], [2.0, 0, 0]])
 ELEMENTS = np.array([[0, 1], [1, 2], [2, 3]])
@@ -42,6 +44,20 @@ def test_calculix_finds_the_same(section, tmp_path):
     ours = np.linalg.norm(solve_frame(model).displacement_m[:, :3], axis=1).max()
     # a circle is eight nodes of second order to it
     assert np.linalg.norm(steps[0], axis=1).max() == pytest.approx(ours, rel=0.08 if section[0] == "round" else 0.05)
+
+
+@pytest.mark.parametrize("section", [SMALL[0], SMALL[2]])
+def test_calculix_finds_the_same_however_a_cantilever_leans(section, tmp_path):
+    hertz = []
+    for k, turn in enumerate([np.eye(3), random_rotation(np.random.default_rng(4)), random_rotation(np.random.default_rng(5))]):
+        nodes = np.array([[0, 0, 0], [0, 0, 0.6]]) @ turn.T
+        model = frame_model(nodes, np.array([[0, 1]]), np.zeros(1, np.int64), turn[None, :, 1], [section], np.zeros(1, np.int64), FeaOptions())
+        folder = tmp_path / str(k)
+        folder.mkdir()
+        _, told = calculix(write_frame_inp(model), folder)
+        hertz.append([float(h) for h in re.findall(r"^ +[123] +\S+ +\S+ +(\S+) +\S+$", told, re.M)][:2])
+        assert hertz[-1] == pytest.approx(solve_frame(model).frequencies_hz[:2].tolist(), rel=0.04)
+    assert hertz[1] == pytest.approx(hertz[0], rel=1e-4) and hertz[2] == pytest.approx(hertz[0], rel=1e-4)
 
 
 def test_open_sections_are_for_abaqus_and_say_so():

@@ -46,7 +46,7 @@ def asked_for(mesh: TriangleMesh, patches: Patches, used: FloatArray, face: IntA
     count = np.bincount(label[face] + 1, minlength=len(surfaces) + 1)[1:]
     for _ in range(PASSES):  # what has become one may hold the points of a third
         before = label.copy()
-        label, surfaces, out = _told_apart(near, label, surfaces, out, used, face, noise, size)
+        label, surfaces, out = _told_apart(near, label, surfaces, out, used, face, noise, size, is_sharp=density == 0.0)
         if (label == before).all():
             break
     for number in np.flatnonzero((np.bincount(label[face] + 1, minlength=len(out) + 1)[1:] < ENOUGH) & (count > 0)).tolist():
@@ -61,10 +61,13 @@ def asked_for(mesh: TriangleMesh, patches: Patches, used: FloatArray, face: IntA
 
 
 def _told_apart(
-    near: Near, label: IntArray, surfaces: list[Surface], out: list[Surface], used: FloatArray, face: IntArray, noise: float, size_m: float
-) -> tuple[IntArray, list[Surface], list[Surface]]:
+    near: Near, label: IntArray, surfaces: list[Surface], out: list[Surface], used: FloatArray, face: IntArray, noise: float, size_m: float,
+    *, is_sharp: bool,
+) -> tuple[IntArray, list[Surface], list[Surface]]:  # fmt: skip
     """Labels and surfaces (as fitted to the points, and as to be drawn) once over all patches, the smallest first: one whose points lie on its
     neighbours is none, one that is the same surface as a neighbour is joined with it.
+
+    is_sharp : the points are the corners of the faces. A plane one triangle wide among planes then has all of them, but not its middle, on these.
     """
     label, surfaces, out = label.copy(), list(surfaces), list(out)
     area = np.bincount(label[label >= 0], weights=near.areas[label >= 0], minlength=len(surfaces))
@@ -78,10 +81,13 @@ def _told_apart(
         if not names:
             continue
         is_wide = area[number] > WIDE * near.areas.sum()
-        lies = not is_wide and np.mean(_off([surfaces[k] for k in names], own) <= CLIP * noise) >= EXPLAINED
+        around = [surfaces[k] for k in names]
+        if is_sharp and not is_wide and all(s.kind == PLANE for s in (surfaces[number], *around)):
+            own = np.concatenate([own, near.centres[rows]])
+        lies = not is_wide and np.mean(_off(around, own) <= CLIP * noise) >= EXPLAINED
         alike = [k for k in names if surfaces[k].kind == surfaces[number].kind]
         same = alike if lies else [k for k in names if not is_wide or _are_round(surfaces, number, k)]
-        other, joined = _joined(number, same, names, surfaces, used, label[face], noise, size_m)
+        other, joined = _joined(number, same, names, surfaces, own, used, label[face], noise, size_m)
         if joined is not None:
             label[rows], surfaces[other], out[other] = other, joined, joined
         elif lies:
@@ -120,16 +126,16 @@ def _fits(mesh: TriangleMesh, patches: Patches, used: FloatArray, face: IntArray
 
 def _joined(
     number: int, others: Sequence[int], names: Sequence[int],
-    surfaces: Sequence[Surface], used: FloatArray, label: IntArray, noise: float, size_m: float,
+    surfaces: Sequence[Surface], every: FloatArray, used: FloatArray, label: IntArray, noise: float, size_m: float,
 ) -> tuple[int, Surface | None]:  # fmt: skip
     """The one of `others` with which a patch is one surface of that one's kind, which leaves no more than the noise in the points of both; and that.
 
-    names : all that are beside it. Points that lie on planes beside them, and of two planes those on what is round beside them, say nothing of it.
+    every : (k, 3) points of the patch.   names : all that are beside it. Points that lie on planes beside them, and of two planes those on what is
+    round beside them, say nothing of it.
     """
     for other in others:
         flat = surfaces[number].kind == surfaces[other].kind == PLANE
         beyond = [surfaces[k] for k in names if (surfaces[k].kind != PLANE) == flat and k != other]
-        every = used[label == number]
         own, their = (p[_off(beyond, p) > CLIP * noise] for p in (every, used[label == other]))
         if not _are_round(surfaces, number, other) and 2 * len(own) < len(every):
             continue  # most of it tells nothing

@@ -204,6 +204,7 @@ def write_frame_inp(model: FrameModel, units: UnitSystem = UNIT_SYSTEMS["m-N-Pa"
         general = f"*BEAM GENERAL SECTION, SECTION=GENERAL, {_named(number, material.density_kg_m3 * units.density)}"
         lines += [f"{section[0]}, {name}" if both else general]
         lines += [section[1], direction] if both else [section[1], direction, _elastic(material.youngs_pa, material.poisson, units)]
+    lines += _turned_supports(model) if both else []
     lines += ["*BOUNDARY", *(f"{node + 1}, 1, 6" for node in model.held.tolist())]
     size = float(np.linalg.norm(model.acceleration_m_s2))
     dx, dy, dz = (model.acceleration_m_s2 / size).tolist()
@@ -211,6 +212,20 @@ def write_frame_inp(model: FrameModel, units: UnitSystem = UNIT_SYSTEMS["m-N-Pa"
     lines += ["** step 1: self weight", "*STEP", "*STATIC", "*DLOAD", *weight, "*NODE FILE, OUTPUT=2D" if both else "*NODE FILE", "U", "*END STEP"]
     lines += ["** step 2: modes", "*STEP", "*FREQUENCY", str(N_MODES), "*NODE FILE, OUTPUT=2D" if both else "*NODE FILE", "U", "*END STEP"]
     return "\n".join(lines) + "\n"
+
+
+def _turned_supports(model: FrameModel) -> list[str]:
+    """The directions of the supports along the member that ends there: about those of space CalculiX 2.20 holds the turns of a node of one beam
+    softly (a tube that leans had a first frequency 7 % low, another 15 %, where they are all held). Nodes of several beams are rigid to it anyway.
+    """
+    beams = model.beams
+    lines = []
+    for node in model.held.tolist():
+        rows = np.flatnonzero((beams.elements == node).any(axis=1))
+        if len(rows) == 1:
+            x, y = (", ".join(f"{c:.10g}" for c in beams.axes[rows[0], :, k].tolist()) for k in (0, 1))
+            lines += [f"*NSET, NSET=HELD_{node + 1}", f"{node + 1}", f"*TRANSFORM, NSET=HELD_{node + 1}, TYPE=R", f"{x}, {y}"]
+    return lines
 
 
 def _stretches(beams: Beams, groups: Mapping[tuple[int, int], list[int]]) -> list[tuple[int, list[int]]]:

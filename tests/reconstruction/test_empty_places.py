@@ -6,7 +6,6 @@ import pytest
 
 from predicates import box, moved, rotation
 from scan2fea.kernel.distances import sample_surface
-from scan2fea.kernel.empty_circles import empty_circles
 from scan2fea.reconstruction.empty_places import BARE, CHANCE, discs_of, emptiness, empty_places
 from scan2fea.reconstruction.hidden_volume import LIMIT
 from scan2fea.reconstruction.sight import Sight
@@ -41,21 +40,6 @@ def test_emptiness_is_a_chance_of_the_whole_part():
     for n in (100, 10_000):
         x = emptiness(n)
         assert 2 * n * (1 + x) * math.exp(-x) == pytest.approx(CHANCE)
-
-
-def test_circles_are_empty_and_go_through_three_points():
-    points = np.random.default_rng(0).random((40, 2))
-    middle, radius = empty_circles(points)
-    off = np.linalg.norm(points[None] - middle[:, None], axis=2)
-    assert len(middle) == 2 * 40 - 2 - len(np.unique(_hull(points)))  # Euler
-    assert (off >= radius[:, None] * (1 - 1e-9)).all()
-    assert (np.sum(off <= radius[:, None] * (1 + 1e-9), axis=1) == 3).all()
-
-
-def _hull(points):
-    from scipy.spatial import ConvexHull
-
-    return ConvexHull(points).vertices
 
 
 def test_random_points_on_a_whole_plate_leave_nothing_empty():

@@ -44,6 +44,7 @@ _POLISH_BELOW = 0.3  # sigma / t (shape-estimation.md, method 7)
 _EXACT = 0.02  # sigma / t below which the faces alone are as good as the likelihood, whose maximum is then a needle
 _ROUNDING = 1e-7  # of the section's size: how far exact points are known to lie on the faces, and the polish to have ended
 _DENIED = 10.83  # chi-square of one degree, p = 0.001
+_BETWEEN = 10  # subsamples, before all points
 _FEW_POINTS = 5_000  # lead near the optimum of all, where a third of the steps is enough
 _NEAR = 0.05  # log-likelihood units of these that may be left on the table
 _SANDWICH_POINTS = 8_000  # curvature and outer products agree within 2 %
@@ -289,8 +290,10 @@ def _final(task: _Task, layout: Layout, theta: FloatArray) -> tuple[Layout, Scor
                 return _exact(task, layout, done, smooth, held)
             done = max((done, climbed(some, smooth.theta, task.size_m, fixed=held, max_iterations=8)), key=lambda s: s.log_posterior)
     if len(task.points) > len(some.xy):
-        whole = task.with_strays(layout.outlier_share(done.theta), len(some.xy)).model(layout)
-        done = climbed(whole, done.theta, task.size_m, fixed=held, max_iterations=_LAST_STEPS, tolerance=1e-2)
+        told = task.with_strays(layout.outlier_share(done.theta), len(some.xy))
+        for most in (_BETWEEN * len(some.xy), len(task.points)):  # each leads nearer to the next, in as few looks at all points as can be
+            if most <= len(task.points):
+                done = climbed(told.model(layout, most), done.theta, task.size_m, fixed=held, max_iterations=_LAST_STEPS, tolerance=1e-2)
         done = replace(done, converged=True)
     return layout, done, None
 

@@ -1,0 +1,70 @@
+"""Toes that a fit counts as seen and on whose middle no point lies: a rim of the face beside them is none; whole ones are, under any law of noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimation.made import made
+from scan2fea.estimation.bare_toes import bare_toes
+from scan2fea.estimation.straight import straight_faces
+from scan2fea.kernel.transforms import rigid, rotation_about
+from scan2fea.simulation.member import MemberScanOptions, member_points
+
+TEE = {"h": 0.045, "b": 0.035, "tw": 0.007, "tf": 0.007}
+LENGTH, SIGMA, TOE = 0.36, 0.001, "FLANGE_TOE_LEFT"
+EVEN = dict.fromkeys((face.name for face in straight_faces(made("T", LENGTH, TEE))[0]), 1.0)
+
+
+def rimmed(n, seed, *, sigma=SIGMA, share=0.3):
+    """A tee seen everywhere but at one toe, and at the flange's inner face beside it only along its outer rim; `share` of the density of the rest."""
+    rng, member = np.random.default_rng(seed), made("T", LENGTH, TEE, sigma=sigma)
+    toe = next(face for face in straight_faces(member)[0] if face.name == TOE)
+    parts = []
+    for face in straight_faces(member)[0]:
+        if face.name == TOE:
+            continue
+        low, high, m = face.low, face.high, n
+        if face.name == "FLANGE_INNER_LEFT":  # 3 mm of it, next to the toe
+            low, high = sorted((toe.place, toe.place - 0.003 * toe.outward))
+        m = round(n * (high - low) / TEE["b"] * (share if face.name == "FLANGE_INNER_LEFT" else 1.0))
+        at = np.zeros((m, 3))
+        at[:, face.axis], at[:, 1 - face.axis], at[:, 2] = face.place, rng.uniform(low, high, m), rng.uniform(0, LENGTH, m)
+        parts.append(at)
+    points = np.concatenate(parts)
+    return member, points + sigma * rng.standard_normal(points.shape)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_rim_beside_it_is_no_toe(seed) -> None:
+    member, points = rimmed(4_000, seed)
+    assert bare_toes(points, member, {**EVEN, "FLANGE_INNER_LEFT": 0.02, TOE: 0.3}) == {TOE}
+
+
+@pytest.mark.parametrize("noise", ["gaussian", "uniform", "laplace"])
+@pytest.mark.parametrize("n", [1_000, 8_000, 60_000])
+def test_whole_ones_are_never_bare(noise, n) -> None:
+    for seed in range(3):
+        for ratio in (5.5, 7.0, 20.0):
+            sigma = TEE["tw"] / ratio
+            points = member_points("T", {**TEE, "length": LENGTH}, n, MemberScanOptions(noise_m=sigma, caps=True, seed=seed, noise=noise))
+            member = made("T", LENGTH, TEE, sigma=sigma)
+            assert bare_toes(points, member, EVEN) == frozenset()
+
+
+def test_walls_that_noise_joins_few_points_and_round_ones_are_not_asked() -> None:
+    member, points = rimmed(4_000, 1, sigma=TEE["tf"] / 4.9)
+    claimed = {**EVEN, "FLANGE_INNER_LEFT": 0.02, TOE: 0.3}
+    assert bare_toes(points, member, claimed) == frozenset()
+    member, points = rimmed(4_000, 1)
+    assert bare_toes(points[::100], member, claimed) == frozenset()
+    assert bare_toes(points, made("CHS", LENGTH, sigma=SIGMA), {}) == bare_toes(points, made("RHS", LENGTH, sigma=SIGMA), {}) == frozenset()
+
+
+def test_it_moves_with_the_member() -> None:
+    member, points = rimmed(4_000, 2)
+    T = rigid(rotation_about((1, 2, 3), 1.1), (4.0, 5.0, 6.0))
+    moved = replace(member, T_world_member=T @ member.T_world_member)
+    assert bare_toes(points @ T[:3, :3].T + T[:3, 3], moved, {**EVEN, "FLANGE_INNER_LEFT": 0.02, TOE: 0.3}) == {TOE}

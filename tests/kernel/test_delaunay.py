@@ -11,7 +11,7 @@ from scan2fea.kernel.delaunay_insert import inserted
 
 
 def graph(tetra):
-    return tetra.points, tetra.tets, tetra.neighbors, *tetra.incidence()
+    return tetra.points, tetra.tets, tetra.neighbors, *tetra.incidence
 
 
 def cloud(n=300, seed=0):
@@ -40,7 +40,7 @@ def test_is_a_triangulation(name):
     tetra = tetrahedralise(points, spread, 0)
     assert tetra.n_input == len(points) and len(tetra.points) == len(points) + 8
     assert np.abs(tetra.points[: len(points)] - points).max() <= JITTER * spread * 1.001
-    volume = tetra.volumes()
+    volume = tetra.volumes
     assert volume.min() > 0
     assert volume.sum() == pytest.approx(ConvexHull(tetra.points[-8:] - tetra.points[-8]).volume, rel=1e-6)
     for t, i in np.argwhere(tetra.neighbors >= 0)[::37]:  # the facet is shared, and turned
@@ -75,12 +75,12 @@ def test_where_points_cannot_be_inserted_qhull_answers(monkeypatch):
     assert inserted(np.vstack([points, box]), tets + len(points), neighbors, len(points), 0) is None
     monkeypatch.setattr(delaunay, "inserted", lambda *_: None)
     other = tetrahedralise(cloud(50), 0.3, 0)
-    assert other.volumes().min() > 0 and other.n_input == 50
+    assert other.volumes.min() > 0 and other.n_input == 50
 
 
 def test_incidence_is_brute_force():
     tetra = tetrahedralise(cloud(60), 0.3, 0)
-    first, tets = tetra.incidence()
+    first, tets = tetra.incidence
     for v in range(len(tetra.points)):
         assert (tets[first[v] : first[v + 1]] == np.flatnonzero((tetra.tets == v).any(1))).all()
 

@@ -37,7 +37,7 @@ def test_a_ball_is_its_volume(ball):
     tetra, normals, h = ball
     votes = gather_votes(tetra, normals, 5 * normals, 0.02 * h, np.full(800, np.nan), h)
     found = cut(tetra, votes, h)
-    assert tetra.volumes()[found.inside].sum() == pytest.approx(4 / 3 * np.pi, rel=0.03)
+    assert tetra.volumes[found.inside].sum() == pytest.approx(4 / 3 * np.pi, rel=0.03)
     assert found.held > 0.99 and not (found.inside & tetra.is_box).any()
 
 
@@ -67,7 +67,7 @@ def test_more_outside_votes_never_add_inside(ball):
     one = cut(tetra, votes, h).inside
     upper = tetra.points[tetra.tets].mean(1)[:, 2] > 0.2
     two = cut(tetra, votes, h, extra_source=np.where(upper, 50.0, 0.0)).inside
-    assert not (two & ~one).any() and tetra.volumes()[two].sum() < 0.7 * tetra.volumes()[one].sum()
+    assert not (two & ~one).any() and tetra.volumes[two].sum() < 0.7 * tetra.volumes[one].sum()
 
 
 def test_a_price_that_collapses_the_surface_is_halved(ball):
@@ -75,7 +75,7 @@ def test_a_price_that_collapses_the_surface_is_halved(ball):
     votes = gather_votes(tetra, normals, 5 * normals, 0.02 * h, np.full(800, np.nan), h)
     found = cut(tetra, votes, h, quality_weight=10.0)
     assert found.held >= 0.5 and found.quality_weight <= 10.0
-    assert tetra.volumes()[found.inside].sum() == pytest.approx(4 / 3 * np.pi, rel=0.1)
+    assert tetra.volumes[found.inside].sum() == pytest.approx(4 / 3 * np.pi, rel=0.1)
 
 
 def test_no_inside_at_all_is_an_error(ball):

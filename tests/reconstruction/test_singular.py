@@ -31,7 +31,7 @@ def test_any_labels_become_a_manifold(tetra, seed, share):
     mesh, _ = boundary(tetra, found.inside)
     assert found.n_singular > 0
     assert_closed_manifold_oriented(mesh, n_components=face_components(mesh.faces)[0])
-    assert volume(mesh) == pytest.approx(tetra.volumes()[found.inside].sum())
+    assert volume(mesh) == pytest.approx(tetra.volumes[found.inside].sum())
 
 
 def test_noise_does_not_cross(tetra):
@@ -80,7 +80,7 @@ def test_the_cheaper_label_is_changed(tetra):
     capacity, source, sink = nothing(tetra)
     more = resolve(tetra, inside, capacity, source, sink + 1e6 * inside, 0.1).inside
     less = resolve(tetra, inside, capacity, source + 1e6 * ~inside, sink, 0.1).inside
-    assert tetra.volumes()[more].sum() > tetra.volumes()[less].sum()
+    assert tetra.volumes[more].sum() > tetra.volumes[less].sum()
     assert (inside == before).all()
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
@@ -46,18 +47,24 @@ class Tetrahedralisation(Value):
     def __len__(self) -> int:
         return len(self.tets)
 
+    @cached_property
     def incidence(self) -> tuple[IntArray, IntArray]:
         """(first (n + 9,), tets): the tets round vertex v are tets[first[v]:first[v + 1]], ascending."""
         flat = self.tets.ravel()
-        order = np.argsort(flat, kind="stable")
+        order = np.argsort(flat, kind="stable") // 4
         first = np.zeros(len(self.points) + 1, np.int64)
         np.cumsum(np.bincount(flat, minlength=len(self.points)), out=first[1:])
-        return first, order // 4
+        for array in (first, order):
+            array.flags.writeable = False
+        return first, order
 
+    @cached_property
     def volumes(self) -> FloatArray:
         """(m,) cubic metres, all positive."""
         a, b, c, d = (self.points[self.tets[:, i]] for i in range(4))
-        return np.asarray(np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6.0)
+        found = np.asarray(np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6.0)
+        found.flags.writeable = False
+        return found
 
 
 def tetrahedralise(points: FloatArray, spacing: float, seed: int) -> Tetrahedralisation:

@@ -34,7 +34,7 @@ def parted(setting: Setting, radius: float) -> BoolArray:
     one, other, width = _facets(setting, radius)
     tetra, h = setting.tetra, setting.spacing_m
     widest = h * math.sqrt(WIDEST_SHARE * tetra.n_input / (DENSITY * math.pi))
-    volumes = np.where(tetra.is_box, 0.0, tetra.volumes())
+    volumes = np.where(tetra.is_box, 0.0, tetra.volumes)
     label, kind = _watershed(one, other, width, volumes, tetra.is_box, WIDER, LEAST_VOLUME * h**3, widest)
     outside = np.asarray(kind[label] == BOX)
     left = [int(v) for v in np.flatnonzero(kind == BASIN)]

@@ -58,7 +58,7 @@ def gather_votes(
     n, m = tetra.n_input, len(tetra)
     weight = np.ones(n) if weight is None else np.asarray(weight, float)
     capacity, source, sink = np.zeros((m, 4)), np.zeros(m), np.zeros(m)
-    first, incident = tetra.incidence()
+    first, incident = tetra.incidence
     seen = np.flatnonzero(np.isfinite(targets).all(axis=1))
     way = targets[seen] - tetra.points[seen]
     rise = np.abs(np.einsum("ij,ij->i", way, normals[seen])) / np.maximum(np.linalg.norm(way, axis=1), np.finfo(float).tiny)

@@ -13,7 +13,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Setting(Value):
-    """What every candidate shares: tets, the axis of each point (sign unknown), the spacing; first, incident: `tetra.incidence()`."""
+    """What every candidate shares: tets, the axis of each point (sign unknown), the spacing; first, incident: `tetra.incidence`."""
 
     tetra: Tetrahedralisation
     axis: FloatArray
@@ -23,7 +23,7 @@ class Setting(Value):
 
     @classmethod
     def of(cls, tetra: Tetrahedralisation, axis: FloatArray, spacing_m: float) -> Setting:
-        first, incident = tetra.incidence()
+        first, incident = tetra.incidence
         return cls(tetra=tetra, axis=axis, spacing_m=spacing_m, first=first, incident=incident)
 
 

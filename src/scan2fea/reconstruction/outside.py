@@ -160,7 +160,7 @@ def _cavities(setting: Setting, outside: BoolArray, radius: float) -> list[int]:
     """Voids that are empty: most of their points have a wall behind them, not the flood."""
     tetra, h = setting.tetra, setting.spacing_m
     label = _voids(tetra, outside, radius)
-    volume = np.bincount(label, weights=tetra.volumes())
+    volume = np.bincount(label, weights=tetra.volumes)
     large = [int(v) for v in np.flatnonzero(volume > VOID_VOLUME * h**3) if v > 0]
     kept = []
     for void in large:

@@ -196,8 +196,8 @@ def _areas(corners: FloatArray) -> FloatArray:
 def _openings(corners: IntArray, part: IntArray) -> IntArray:
     """(k,) number of the opening of each facet: those of one set that share an edge. corners : (k, 3).   part : (k,) its set."""
     ends = np.sort(np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    edge = np.unique(np.column_stack([ends, np.repeat(part, 3)]), axis=0, return_inverse=True)[1].ravel()
-    k = len(corners)
+    n, k = int(corners.max(initial=0)) + 1, len(corners)
+    edge = np.unique((np.repeat(part, 3) * n + ends[:, 0]) * n + ends[:, 1], return_inverse=True)[1]  # one number a row: a tenth of the time
     graph = coo_array((np.ones(3 * k, np.int8), (np.repeat(np.arange(k), 3), k + edge)), shape=(4 * k, 4 * k))
     return np.asarray(connected_components(graph, directed=False)[1][:k])
 
@@ -205,7 +205,6 @@ def _openings(corners: IntArray, part: IntArray) -> IntArray:
 def _buried(tetra: Tetrahedralisation, inside: BoolArray, rows: IntArray, part: IntArray, n: int) -> tuple[FloatArray, FloatArray]:
     """(n,) points of each set of tets with no other tet of the outside beside them, and all of its points. part : (k,) set of the tets `rows`."""
     outside = np.bincount(tetra.tets[~inside].ravel(), minlength=len(tetra.points))
-    corner = tetra.tets[rows].ravel()
-    pairs, own = np.unique(np.column_stack([np.repeat(part, 4), corner]), axis=0, return_counts=True)
-    alone = own == outside[pairs[:, 1]]
-    return _sums(pairs[:, 0], alone.astype(float), n), _sums(pairs[:, 0], np.ones(len(pairs)), n)
+    pairs, own = np.unique(np.repeat(part, 4) * len(outside) + tetra.tets[rows].ravel(), return_counts=True)
+    of, corner = np.divmod(pairs, len(outside))
+    return _sums(of, (own == outside[corner]).astype(float), n), np.bincount(of, minlength=n).astype(float)

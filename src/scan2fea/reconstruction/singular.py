@@ -9,8 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from scan2fea.errors import InternalError, ReconstructionError, require
 from scan2fea.kernel.delaunay import FACETS, Tetrahedralisation
@@ -48,8 +46,8 @@ def resolve(tetra: Tetrahedralisation, inside: BoolArray, capacity: FloatArray, 
     Raises ReconstructionError if nothing is left inside.
     """
     cleaned, dropped, filled, _ = clean(tetra, inside, capacity, source)
-    first, incident = tetra.incidence()
-    bulk = VOLUME_PRICE * tetra.volumes() / spacing_m**3
+    first, incident = tetra.incidence
+    bulk = VOLUME_PRICE * tetra.volumes / spacing_m**3
     fill_price, dig_price = source + capacity.sum(axis=1) + bulk, sink + bulk
     label = np.array(cleaned)
     dirty = np.ones(tetra.n_input, np.bool_)
@@ -75,7 +73,7 @@ def clean(tetra: Tetrahedralisation, inside: BoolArray, capacity: FloatArray, so
     """
     require(inside.any(), ReconstructionError, "nothing is left inside the surface: are the normals or the sensor positions wrong?")
     part, n = _components(tetra, inside)
-    volume = np.bincount(part, weights=tetra.volumes(), minlength=n)
+    volume = np.bincount(part, weights=tetra.volumes, minlength=n)
     is_inside = np.zeros(n, bool)
     is_inside[part[inside]] = True
     small = is_inside & (volume < SMALL_PART * volume[is_inside].max())
@@ -102,10 +100,32 @@ def boundary(tetra: Tetrahedralisation, inside: BoolArray) -> tuple[TriangleMesh
 
 def _components(tetra: Tetrahedralisation, inside: BoolArray) -> tuple[IntArray, int]:
     """(m,) number of the set of equally labelled tets, connected through facets, that each tet is in; how many sets."""
-    t, facet = np.nonzero((tetra.neighbors > np.arange(len(tetra))[:, None]) & (inside[tetra.neighbors] == inside[:, None]))
-    graph = coo_array((np.ones(len(t), np.int8), (t, tetra.neighbors[t, facet])), shape=(len(tetra), len(tetra)))
-    n, part = connected_components(graph.tocsr(), directed=False)
-    return np.asarray(part, np.int64), int(n)
+    part = np.full(len(tetra), -1, np.int64)
+    return part, _flooded(tetra.neighbors, inside, part)
+
+
+@jit
+def _flooded(neighbors: IntArray, label: BoolArray, part: IntArray) -> int:
+    """Number of sets; `part`, -1 everywhere, gets that of each tet, in the order of their first."""
+    stack = np.zeros(len(part), np.int64)
+    n = 0
+    for seed in range(len(part)):
+        if part[seed] >= 0:
+            continue
+        part[seed] = n
+        stack[0] = seed
+        height = 1
+        while height > 0:
+            height -= 1
+            t = stack[height]
+            for i in range(4):
+                other = neighbors[t, i]
+                if other >= 0 and part[other] < 0 and label[other] == label[t]:
+                    part[other] = n
+                    stack[height] = other
+                    height += 1
+        n += 1
+    return n
 
 
 @jit

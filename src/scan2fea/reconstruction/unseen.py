@@ -149,7 +149,7 @@ def _answer(asked: _Asked, flood: Flood, n: int, bores: tuple[Bore, ...] = ()) -
         frame=asked.frame,
         between_m=between,
     )
-    volumes = carved.tetra.volumes()
+    volumes = carved.tetra.volumes
     share = float(volumes[open_space[-1] & carved.inside].sum() / volumes[carved.inside].sum())
     facts = Unseen(flood=flood, polished=polished, held=carved.labels.held, flood_inside=share)
     return Answer(carved=carved, evidence=evidence, flood=flood, checks=gates_unseen(evidence, facts), n_tried=n)

@@ -26,6 +26,7 @@ from scipy.stats import poisson
 from scan2fea.estimation.holes import Hole
 from scan2fea.estimation.outline import edge_lengths, first_across, inward
 from scan2fea.kernel.empty_circles import empty_circles
+from scan2fea.kernel.planar_grid import PlanarGrid
 from scan2fea.kernel.sections import ROUND, section
 from scan2fea.types import FloatArray, Member, Section, Value
 
@@ -119,26 +120,25 @@ def _of_wall(wall: _Wall, z: FloatArray, length: float, sigma_m: float, faces_te
     whole = clear > radius
     if wall.turn:
         whole &= (middle[:, 0] >= over / 2) & (middle[:, 0] < over / 2 + wall.turn)
-    near = cKDTree(face)
+    near = PlanarGrid.of(face)
     rows = np.flatnonzero(whole & (radius >= np.median(radius)))
     if not len(rows):
         return []
-    lacking = _count(near, middle[rows], _RING * radius[rows]) / (_RING**2 - 1)
+    lacking = near.n_within(middle[rows], _RING * radius[rows]) / (_RING**2 - 1)
     faces = _log_tail(lacking) if faces_tell else np.zeros(len(rows))
     reach = radius[rows] + _NEAR_SIGMAS * sigma_m
     found, chance = np.zeros((2, len(rows)))
     if len(deep):
         within = cKDTree(deep)
         found, beside = (_count(within, middle[rows], times * reach) for times in (1.0, _BESIDE))
-        shares = (math.pi * reach**2 / ((wall.high + over - wall.low) * length), _count(near, middle[rows], reach) / len(face))
+        shares = (math.pi * reach**2 / ((wall.high + over - wall.low) * length), near.n_within(middle[rows], reach) / len(face))
         chance = np.maximum(len(deep) * np.maximum(*shares), (beside - found) / (_BESIDE**2 - 1))
     told = faces + poisson.logsf(found - 1, chance) < math.log(_CHANCE / len(radius))
     rows, found = rows[told], found[told]
     holes, free = list[Hole](), np.ones(len(rows), bool)
     for k in np.lexsort((-radius[rows], -found)):
         row = rows[k]
-        off = face[near.query_ball_point(middle[row], _RING * radius[row])] - middle[row]
-        if free[k] and _around(off):
+        if free[k] and _around(face - middle[row], _RING * float(radius[row])):
             free &= np.linalg.norm(middle[rows] - middle[row], axis=1) > 2 * radius[row]
             holes.append(Hole(face=wall.name, places=_disc(middle[row], float(radius[row])), cell_m=float(radius[row]) / 2))
     return holes
@@ -160,8 +160,9 @@ def _unrolled(at: FloatArray, wall: _Wall, over: float) -> FloatArray:
     return np.concatenate([at, at[at[:, 0] < over] + [wall.turn, 0.0]]) if wall.turn else at
 
 
-def _around(off: FloatArray) -> bool:
-    """Whether points (n, 2), from the middle of a circle, lie in each sector around it."""
+def _around(off: FloatArray, reach: float) -> bool:
+    """Whether points (n, 2), from the middle of a circle, lie within reach in each sector around it."""
+    off = off[np.einsum("ij,ij->i", off, off) <= reach**2]
     turn = (np.arctan2(off[:, 1], off[:, 0]) + math.pi) / (2 * math.pi)
     return len(np.unique(np.minimum((turn * _SECTORS).astype(np.int64), _SECTORS - 1))) == _SECTORS
 

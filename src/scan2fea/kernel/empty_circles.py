@@ -12,9 +12,9 @@ import math
 import numpy as np
 
 from scan2fea.kernel.jit import jit_ieee
+from scan2fea.kernel.planar_grid import PlanarGrid
 from scan2fea.types import FloatArray, IntArray
 
-_PER_CELL = 2.0  # points of the grid's cells
 _MOST_CORNERS = 256  # of a Voronoi cell: more neighbours on one circle are left out
 _ROUNDING = 1e-12  # of distances: a bisector through a corner, as on a grid and of one point twice, cuts nothing
 _PER_POINT = 3  # circles: two of points in general place, one more of those on a grid
@@ -22,17 +22,11 @@ _PER_POINT = 3  # circles: two of points in general place, one more of those on 
 
 def empty_circles(flat: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Middles (m, 2), radii (m,) of the circles through three of the points (n, 2) that hold no other and have their middle in the box of all."""
-    low, size = flat.min(axis=0, initial=math.inf), np.ptp(flat, axis=0) if len(flat) else np.zeros(2)
-    if len(flat) < 3 or not (size > 0).all():
+    if len(flat) < 3 or not (np.ptp(flat, axis=0) > 0).all():
         return np.zeros((0, 2)), np.zeros(0)
-    step = max(math.sqrt(_PER_CELL * float(size[0] * size[1]) / len(flat)), float(size.max()) / len(flat))
-    shape = np.ceil(size / step).astype(np.int64)
-    at = np.minimum(((flat - low) / step).astype(np.int64), shape - 1)
-    cell = at[:, 0] * shape[1] + at[:, 1]
-    order = np.argsort(cell, kind="stable")
-    first = np.r_[0, np.cumsum(np.bincount(cell, minlength=int(shape.prod())))]
-    found = _corners(flat[order] - low, at[order], first, shape, step, size)
-    return found[:, :2] + low, np.ascontiguousarray(found[:, 2])
+    grid = PlanarGrid.of(flat)
+    found = _corners(grid.points, grid.cell, grid.first, grid.shape, grid.step, grid.size)
+    return found[:, :2] + grid.low, np.ascontiguousarray(found[:, 2])
 
 
 @jit_ieee

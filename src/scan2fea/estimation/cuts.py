@@ -30,6 +30,7 @@ _DEEP_SIGMAS, _DEEP_WALL = 3.0, 0.25
 _SEEN = 0.5  # of a strip along the member: a side that was seen
 _CHANCE = 1e-6  # of as many points inside a wall that is whole
 _LEAST_DEEP = 8
+_BESIDE = 2  # cells beside a bare region that tell how dense its surroundings are
 _LEAST_BARE = 8.0  # points that both sides of a bare place would hold, at least, where its border tells that it was cut
 
 
@@ -180,25 +181,41 @@ def _between(shape: Section, strips: _Strips, seen: BoolArray, blur_m: float) ->
 
 def _cuts(name: str, rows: IntArray, bare: BoolArray, strips: _Strips, counted: _Counted) -> list[tuple[Cut, int]]:
     """The bare regions of a face that chance cannot have left, and of how many cells each is."""
-    label, n_regions = ndimage.label(bare[rows])
+    label = ndimage.label(bare[rows])[0]
     other, step = strips.across[rows], counted.step_m
     found = []
-    for region in range(1, n_regions + 1):
-        inside = label == region
-        around = ndimage.binary_dilation(inside, iterations=2) & ~inside & counted.own[rows]
-        density = sum(float(counted.shown[side][around].mean()) for side in (rows, other)) if around.any() else 0.0
-        if inside.sum() * density <= _LEAST_BARE:
+    for region, (across, along) in enumerate(ndimage.find_objects(label), 1):
+        window = slice(max(across.start - _BESIDE, 0), across.stop + _BESIDE), slice(max(along.start - _BESIDE, 0), along.stop + _BESIDE)
+        of_region = label[window] == region
+        beside = _grown(of_region) & ~of_region & counted.own[rows[window[0]], window[1]]
+        n = int(of_region.sum())
+        density = sum(float(counted.shown[side[window[0]], window[1]][beside].mean()) for side in (rows, other)) if beside.any() else 0.0
+        if n * density <= _LEAST_BARE:
             continue
+        inside, around = np.zeros((2, *label.shape), bool)
+        inside[window], around[window] = of_region, beside
         border = np.zeros(bare.shape, bool)
         border[rows] = inside | around
         np.logical_or.at(border, other, inside | around)
         at, widths = np.flatnonzero(inside.any(axis=0)), (strips.high - strips.low)[rows]
         cut = Cut(
             face=name, from_m=float(at[0] * step), to_m=float((at[-1] + 1) * step), area_m2=float((inside.sum(axis=1) * widths).sum() * step),
-            missed=float(inside.sum() * density), deep=int(counted.within[border].sum()), by_chance=_by_chance(border, rows, strips, counted),
+            missed=n * density, deep=int(counted.within[border].sum()), by_chance=_by_chance(border, rows, strips, counted),
         )  # fmt: skip
-        found.append((cut, int(inside.sum())))
+        found.append((cut, n))
     return found
+
+
+def _grown(inside: BoolArray) -> BoolArray:
+    """The cells of a region and those up to `_BESIDE` steps from side to side away from it."""
+    grown = inside
+    for _ in range(_BESIDE):
+        before, grown = grown, grown.copy()
+        grown[1:] |= before[:-1]
+        grown[:-1] |= before[1:]
+        grown[:, 1:] |= before[:, :-1]
+        grown[:, :-1] |= before[:, 1:]
+    return grown
 
 
 def _by_chance(border: BoolArray, rows: IntArray, strips: _Strips, counted: _Counted) -> float:

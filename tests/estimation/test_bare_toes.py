@@ -9,11 +9,14 @@ import pytest
 
 from estimation.made import made
 from scan2fea.estimation.bare_toes import bare_toes
+from scan2fea.estimation.member import fit_member
 from scan2fea.estimation.straight import straight_faces
 from scan2fea.kernel.transforms import rigid, rotation_about
 from scan2fea.simulation.member import MemberScanOptions, member_points
+from scan2fea.types import PointCloud, Scan
 
 TEE = {"h": 0.045, "b": 0.035, "tw": 0.007, "tf": 0.007}
+THIN = {"a": 0.127, "b": 0.127, "t": 0.00635, "length": 3.048}
 LENGTH, SIGMA, TOE = 0.36, 0.001, "FLANGE_TOE_LEFT"
 EVEN = dict.fromkeys((face.name for face in straight_faces(made("T", LENGTH, TEE))[0]), 1.0)
 
@@ -68,3 +71,9 @@ def test_it_moves_with_the_member() -> None:
     T = rigid(rotation_about((1, 2, 3), 1.1), (4.0, 5.0, 6.0))
     moved = replace(member, T_world_member=T @ member.T_world_member)
     assert bare_toes(points @ T[:3, :3].T + T[:3, 3], moved, {**EVEN, "FLANGE_INNER_LEFT": 0.02, TOE: 0.3}) == {TOE}
+
+
+def test_toes_of_exact_points_are_not_bare() -> None:
+    for seed in range(3):
+        found = fit_member(Scan(cloud=PointCloud.of(member_points("L", THIN, 3_000, MemberScanOptions(noise_m=0.0, caps=True, seed=seed)))))
+        assert all(p.observable for p in found.member.parameters)

@@ -19,7 +19,7 @@ from scan2fea.types import FloatArray, Member
 
 _POINTS = 60_000
 _CLEAR = 2.5  # sigma from either neighbour: 6 in 1000 of their points lie deeper (Laplace 15)
-_REACH = 3.0  # sigma off the toe
+_REACH, _EXACT = 3.0, 0.01  # sigma off the toe, and of its width: exact points are as far off as the fit rounds
 _CHANCE = 1e-3  # of so few points, were half of them there
 
 
@@ -42,7 +42,7 @@ def bare_toes(points: FloatArray, member: Member, density: Mapping[str, float], 
         if clear <= 0 or not all(ends_at(one, face) and one.high - one.low > width for one in beside):
             continue
         across, off = local[:, 1 - face.axis], np.abs(local[:, face.axis] - face.place)
-        found = int(((np.abs(across - 0.5 * (face.low + face.high)) < 0.5 * clear) & (off < _REACH * sigma)).sum())
+        found = int(((np.abs(across - 0.5 * (face.low + face.high)) < 0.5 * clear) & (off < max(_REACH * sigma, _EXACT * width))).sum())
         if pdtr(found, 0.5 * per_m * density[face.name] * clear) < _CHANCE:
             bare.add(face.name)
     return frozenset(bare)

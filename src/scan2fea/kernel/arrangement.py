@@ -35,30 +35,24 @@ class Cells(Value):
     n_cells: int
 
 
-class _Heights:
-    """How high vertices lie over a plane that cuts. Those that the cut makes lie on it."""
+class _Sides(dict[int, int]):
+    """On which side of a plane that cuts vertices lie: 1 before it, -1 behind it, 0 on it, as do those that the cut makes."""
 
     def __init__(self, space: Arrangement, plane: int, vertices: set[int]) -> None:
+        super().__init__()
         self.space, self.plane, self.before = space, plane, len(space.vertices)
-        self.known: dict[int, float] = {}
-        self._ask(sorted(vertices))
+        rows = sorted(vertices)
+        if rows:
+            height = np.array([space.vertices[v] for v in rows]) @ space.normals[plane] - space.offsets[plane]
+            self.update(zip(rows, np.where(np.abs(height) <= ON_PLANE * space.size, 0, np.sign(height)).astype(int).tolist(), strict=True))
 
-    def _ask(self, rows: list[int]) -> None:
-        if not rows:
-            return
-        height = np.array([self.space.vertices[v] for v in rows]) @ self.space.normals[self.plane] - self.space.offsets[self.plane]
-        self.known.update(zip(rows, height.tolist(), strict=True))
+    def __missing__(self, v: int) -> int:
+        height = self.height(v)
+        self[v] = 0 if v >= self.before or abs(height) <= ON_PLANE * self.space.size else 1 if height > 0 else -1
+        return self[v]
 
     def height(self, v: int) -> float:
-        if v not in self.known:
-            self._ask([v])
-        return self.known[v]
-
-    def side(self, v: int) -> int:
-        """1 before the plane, -1 behind it, 0 on it."""
-        if v >= self.before or abs(self.height(v)) <= ON_PLANE * self.space.size:
-            return 0
-        return 1 if self.height(v) > 0 else -1
+        return float(self.space.vertices[v] @ self.space.normals[self.plane] - self.space.offsets[self.plane])
 
 
 class Arrangement:
@@ -124,10 +118,10 @@ class Arrangement:
     def cut(self, plane: int, cells: Sequence[int]) -> tuple[list[int], list[int]]:
         """Cut the given cells by a plane, where it passes through them. Returns what of them lies in front of it, and what behind."""
         corners = [{v for f in self.facets[c] for v in self.loops[f]} for c in cells]
-        over = _Heights(self, plane, set().union(*corners))
+        over = _Sides(self, plane, set().union(*corners))
         front, behind = list[int](), list[int]()
-        for c in cells:
-            sides = {over.side(v) for f in self.facets[c] for v in self.loops[f]}
+        for c, own in zip(cells, corners, strict=True):
+            sides = {over[v] for v in own}  # what cuts of the cells beside it add lies on the plane
             if 1 in sides and -1 in sides:
                 front.append(c)
                 behind.append(self.n_cells)
@@ -136,7 +130,7 @@ class Arrangement:
                 (front if 1 in sides else behind).append(c)
         return front, behind
 
-    def _split(self, c: int, plane: int, over: _Heights) -> None:
+    def _split(self, c: int, plane: int, over: _Sides) -> None:
         new = len(self.facets)
         self.facets.append(set())
         self.tree += [(-1, c, 0), (-1, new, 0)]
@@ -152,7 +146,7 @@ class Arrangement:
                 self.loops[f] = front
                 cell = [new if x == c else x for x in self.cell[f]]
                 self._facet(self.plane[f], behind, cell)
-        on |= {v for f in self.facets[c] | self.facets[new] for v in self.loops[f] if over.side(v) == 0}
+        on |= {v for f in self.facets[c] | self.facets[new] for v in self.loops[f] if not over[v]}
         places = np.array([self.vertices[v] for v in sorted(on)])
         first, second = Plane(normal=self.normals[plane], offset=float(self.offsets[plane])).axes()
         middle = places - places.mean(axis=0)
@@ -164,10 +158,10 @@ class Arrangement:
         self.facets[new].add(f)
         self.cell[f] = [new if x == old else x for x in self.cell[f]]
 
-    def _halves(self, f: int, over: _Heights, on: set[int]) -> tuple[list[int], list[int]]:
+    def _halves(self, f: int, over: _Sides, on: set[int]) -> tuple[list[int], list[int]]:
         """The parts of a facet in front of the plane and behind it; a part without area is empty. Vertices on the plane are added to `on`."""
         loop = self.loops[f]
-        sides = [over.side(v) for v in loop]
+        sides = [over[v] for v in loop]
         if -1 not in sides:
             return loop, []
         if 1 not in sides:

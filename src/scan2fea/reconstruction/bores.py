@@ -123,11 +123,12 @@ def _between(points: FloatArray, planes: Planes, i: int, j: int, spacing_m: floa
         due = 2.0 * math.pi * radius[large] * max(0.0, _apart_m(points, planes, i, j) - 2.0 * CLEAR * sigma_m) / spacing_m**2
         within = near_wall.tree.query_ball_point(middle[large], radius[large] + off_round_m(spacing_m, sigma_m), return_length=True)
         large = large[np.asarray(within) >= held * due]
-    is_free = np.ones(len(middle), bool)  # of the circles taken before
-    for k in large[np.argsort(-radius[large], kind="stable")]:
-        if not is_free[k] or not _around(near_flat, middle[k], radius[k]):
+    large = large[np.argsort(-radius[large], kind="stable")]
+    is_free = np.ones(len(large), bool)  # of the circles taken before
+    for number, k in enumerate(large):
+        if not is_free[number] or not _around(near_flat, middle[k], radius[k]):
             continue
-        is_free &= np.linalg.norm(middle - middle[k], axis=1) >= radius[k]
+        is_free &= np.linalg.norm(middle[large] - middle[k], axis=1) >= radius[k]
         start = Surface(
             kind=CYLINDER, point=middle[k] @ axes + plane.offset * plane.normal, axis=plane.normal, radius=float(radius[k]), sense=-1
         )

@@ -9,6 +9,7 @@ from predicates import assert_closed_manifold_oriented, assert_no_crossing, box,
 from scan2fea.errors import ReconstructionError
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.neighbors import k_nearest
+from scan2fea.kernel.planar_regions import planar_regions
 from scan2fea.kernel.primitives import Plane
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction import ReconstructionOptions, planar, reconstruct, visibility
@@ -18,8 +19,9 @@ from scan2fea.reconstruction.hanging import Among
 from scan2fea.reconstruction.planar import flattened
 from scan2fea.reconstruction.plane_growing import Planes, grow_planes, robust_plane
 from scan2fea.reconstruction.strips import _own, _without_backs, rim_offset
+from scan2fea.simulation.polyhedra import meshed, prism
 from scan2fea.simulation.shapes import bracket
-from scan2fea.types import Scan
+from scan2fea.types import PointCloud, Scan
 from scanned import scanned
 
 T = 0.00635
@@ -223,3 +225,16 @@ def test_faces_of_a_strip_are_those_that_lean_as_its_seed_does_and_lie_as_far_ou
             wanted = alike & (np.abs(middle @ way - np.average(middle[wanted] @ way, weights=area[wanted])) <= 0.3)
         own, total = _own(middle, area, direction, length, seed, free, 0.3)
         assert np.array_equal(own, wanted) and total == pytest.approx(area[wanted].sum())
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_rims_narrower_than_the_noise_reaches_are_faces_of_the_outline(seed):
+    """Planes grown on 10.8 mm in a noise of 1.1 mm lean up to 37 degrees: 25 faces for 14, and creases that nobody drew."""
+    outer, openings = (0.0, 0.0, 0.30, 0.22), [(0.04, 0.05, 0.1, 0.12), (0.18, 0.05, 0.08, 0.12)]
+    corners = [[[x, y], [x + a, y], [x + a, y + b], [x, y + b]] for x, y, a, b in (outer, *openings)]
+    frame = moved(meshed(prism(corners[0], 0.0108, [loop[::-1] for loop in corners[1:]])), rotation(seed), np.array([0.3, 0.1, 0.2]))
+    points = scanned(frame, 0.0045, 0.0011, seed=seed)[0].cloud.points
+    found = reconstruct(Scan(cloud=PointCloud.of(points)))
+    assert found.how["method"] == "planar" and not failed(found.checks)
+    assert len(planar_regions(found.mesh).ids) == 14
+    assert volume(found.mesh) == pytest.approx(volume(frame), rel=0.005)

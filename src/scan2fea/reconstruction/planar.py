@@ -17,6 +17,7 @@ from scan2fea.kernel.arrangement import Arrangement, Cells
 from scan2fea.kernel.distances import signed_distance
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.noise import sampled_rows
+from scan2fea.kernel.planar_regions import planar_regions
 from scan2fea.kernel.predicates import self_intersections
 from scan2fea.kernel.primitives import Plane
 from scan2fea.kernel.topology import surface_topology
@@ -33,7 +34,7 @@ from scan2fea.reconstruction.regular import EXACT
 from scan2fea.reconstruction.round_cuts import Shapes, cut_round, shapes
 from scan2fea.reconstruction.round_gaps import over_rounds
 from scan2fea.reconstruction.round_growing import Rounds
-from scan2fea.reconstruction.shapes_found import Faces, flat_faces, moved_planes, round_faces
+from scan2fea.reconstruction.shapes_found import Faces, flat_faces, moved_planes, outlined_faces, round_faces
 from scan2fea.reconstruction.sharpened import served_sharp
 from scan2fea.reconstruction.sight import Sight
 from scan2fea.reconstruction.two_answers import against_free
@@ -114,6 +115,7 @@ def served(
 ) -> tuple[Reconstruction, tuple[Reconstruction, ...]]:
     """Flat and round faces where they explain the points and close; else the first surface, with the reason in `how`. And those that were refused.
 
+    Of two solids of planes, with narrow faces as their points or as the outlines of walls tell them, that of fewer faces is taken.
     Cylinders are looked for where planes alone do not serve. Where sensors are known and the first surface is refused, or differs from a flat solid
     that nothing else speaks against, what is hidden has led it astray: then sight lines label the cells in its place, before any cylinder is tried.
     bores : that the points tell: planes alone close those of few points.
@@ -121,7 +123,10 @@ def served(
     seen, by_lines = first.source == "sensors", bool(failed(first.checks))
     why = ""
     refused: list[Reconstruction] = []
-    for find in (flat_faces, round_faces):
+    best: Reconstruction | None = None
+    for find in (flat_faces, outlined_faces, round_faces):
+        if best is not None and find is round_faces:
+            break
         try:
             faces = find(scan.cloud.points, first)
         except ReconstructionError as error:
@@ -140,11 +145,17 @@ def served(
             flat = flat if failed(flat.checks) else replace(flat, checks=(*flat.checks, closed_bores(bores, flat.mesh)))
             against = failed(flat.checks)
             if not against:
-                return flat, tuple(refused)
+                best = flat if best is None or _n_faces(flat) < _n_faces(best) else best
+                break
             refused.append(flat)
             differs = {check.name for check in against} == {DIFFER}
             why = "; ".join(check.name for check in against)
-    return replace(first, how={**first.how, "not_planar": why}), tuple(refused)
+    return (replace(first, how={**first.how, "not_planar": why}) if best is None else best), tuple(refused)
+
+
+def _n_faces(flat: Reconstruction) -> int:
+    """Pieces of planes: where planes lean that should not, more than there are planes."""
+    return len(planar_regions(flat.mesh).ids)
 
 
 def flat_form(points: FloatArray, first: Reconstruction, faces: Faces, seed: int = 0, sight: Sight | None = None) -> FlatForm:

@@ -11,7 +11,8 @@ from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_normals
 from scan2fea.kernel.surfaces import Surface
 from scan2fea.reconstruction.bores import LEAST_POINTS, is_same, wall_bores
-from scan2fea.reconstruction.plane_growing import MOST_PLANES, Planes, assigned, grow_planes, tolerance_m
+from scan2fea.reconstruction.plane_growing import MOST_PLANES, Planes, assigned, grow_planes, settled, tolerance_m
+from scan2fea.reconstruction.regular import EXACT
 from scan2fea.reconstruction.round_growing import NO_ROUNDS, Rounds, grow_rounds, nearest_round, off_round_m, radius_std
 from scan2fea.reconstruction.strips import with_strips
 from scan2fea.reconstruction.visibility import Reconstruction
@@ -20,6 +21,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 EXPLAINED = 0.8  # of a cylinder's points lie on planes or larger cylinders: normals blended along an edge turn as round ones do
 FACES_OFF = 0.5  # spacings that faces of a first surface lie off the cylinder they are of, besides the noise: chords between points
 FACES_LEAN = 0.3  # cosine
+NARROW = 4.0  # times how far points may lie off their plane: of a narrower face half lies within reach of those beside it
 TAIL = 2.0  # times how far points may lie off their cylinder: so far the noise still throws one of thousands
 
 
@@ -34,6 +36,26 @@ class Faces(Value):
 def flat_faces(points: FloatArray, first: Reconstruction) -> Faces:
     """The planes alone. points : (n, 3) raw, in the rows of `first`. Raises ReconstructionError where they are too few for a solid, or too many."""
     return Faces(planes=planes_beside(points, first, NO_ROUNDS))
+
+
+def outlined_faces(points: FloatArray, first: Reconstruction) -> Faces | None:
+    """The planes alone, the narrow ones by the outlines of walls alone; None where none is narrow. Raises ReconstructionError as `flat_faces`.
+
+    Across a face as narrow as the noise reaches, points tell no tilt, and their normals are blended with those beside it: planes grown there lean.
+    """
+    h, sigma = first.spacing_m, first.sigma_m
+    grown = grow_planes(points, first.normals, h, sigma)
+    width = np.array([_width(points[grown.label == k]) for k in range(len(grown))])
+    is_narrow = width <= NARROW * tolerance_m(h, sigma)
+    if sigma <= EXACT or not is_narrow.any():
+        return None
+    wide = settled(points, first.normals, [grown.plane(int(k)) for k in np.flatnonzero(~is_narrow)], h, sigma)
+    return Faces(planes=planes_beside(points, first, NO_ROUNDS, wide))
+
+
+def _width(own: FloatArray) -> float:
+    """Of the strip that points of a plane would fill evenly, across it."""
+    return float(np.sqrt(12.0 * max(0.0, np.linalg.eigvalsh(np.cov(own.T))[1])))
 
 
 def round_faces(points: FloatArray, first: Reconstruction) -> Faces | None:
@@ -114,8 +136,8 @@ def _given(points: FloatArray, normals: FloatArray, found: list[Surface], planes
     return label
 
 
-def planes_beside(points: FloatArray, first: Reconstruction, rounds: Rounds) -> Planes:
-    """The planes of the points that no cylinder has, narrow ones too.
+def planes_beside(points: FloatArray, first: Reconstruction, rounds: Rounds, grown: Planes | None = None) -> Planes:
+    """The planes of the points that no cylinder has, narrow ones too.   grown : those that are wide, where they are known.
 
     Raises ReconstructionError where planes and cylinders are too few for a solid, or too many.
     """
@@ -133,13 +155,14 @@ def planes_beside(points: FloatArray, first: Reconstruction, rounds: Rounds) -> 
         mesh = TriangleMesh(vertices=mesh.vertices, faces=mesh.faces[is_beside])
     require(len(rest) >= LEAST_POINTS and len(mesh.faces), ReconstructionError, "the points lie on cylinders alone: no plane ends them")
     axes = np.array([surface.axis for surface in rounds.surfaces]).reshape(-1, 3)
-    planes = grow_planes(points[rest], first.normals[rest], h, sigma, axes)
+    planes = grow_planes(points[rest], first.normals[rest], h, sigma, axes) if grown is None else grown
     if len(rounds):
         given = replace(planes, label=np.append(planes.label, np.full(len(rows) - len(rest), -1)))
         planes = with_strips(points[rows], given, mesh, wall, h, sigma, axes)
         least = 1
     else:
-        require(len(planes) >= 3, ReconstructionError, f"the points lie on {len(planes)} planes: they are no solid of flat faces")
+        is_known = grown is not None or len(planes) >= 3
+        require(is_known, ReconstructionError, f"the points lie on {len(planes)} planes: they are no solid of flat faces")
         planes = with_strips(points[rest], planes, mesh, wall, h, sigma)
         least = 4
     says = f"the points would need {len(planes)} planes ({least} to {MOST_PLANES}): they are no solid of flat faces"

@@ -18,10 +18,12 @@ from scan2fea.reconstruction.gates_planar import CURED
 from scan2fea.reconstruction.lost_bores import BORES_CLOSED, closed_bores, told_bores
 from scan2fea.reconstruction.open_sheet import open_sheet
 from scan2fea.reconstruction.planar import planar, served
+from scan2fea.reconstruction.plane_growing import Planes
 from scan2fea.reconstruction.plugged import unplugged
 from scan2fea.reconstruction.poisson import poisson
 from scan2fea.reconstruction.rounded import served_smooth
 from scan2fea.reconstruction.scale_space import ScaleSpaceOptions, scale_space
+from scan2fea.reconstruction.shapes_found import grown_planes
 from scan2fea.reconstruction.sharpened import served_sharp
 from scan2fea.reconstruction.thin import distinct, thinned
 from scan2fea.reconstruction.two_answers import contradicted
@@ -55,7 +57,7 @@ def reconstruct(scan: Scan, options: ReconstructionOptions = ReconstructionOptio
         fewer = Scan(cloud=fewer.cloud.take(morton_order(fewer.cloud.points)), rays=fewer.rays)
     if options.method != "visibility":
         found = METHODS[options.method](fewer, options)
-        return _nothing_lost(found, _bores(fewer, found))
+        return _nothing_lost(found, _planes_and_bores(fewer, found)[1])
     found, flats, bores = _with_flats(fewer, options)
     found = served_smooth(fewer, found) if options.smooth else found
     found = served_sharp(fewer, found) if options.flat else found
@@ -70,23 +72,25 @@ def _with_flats(scan: Scan, options: ReconstructionOptions) -> tuple[Reconstruct
     Where flat faces may cure all that is against the first surface they are asked before it is looked for again: that takes several times as long.
     """
     begun = first_surface(scan, options)
-    found, bores = begun.surface, _bores(scan, begun.surface)
+    found = begun.surface
+    grown, bores = _planes_and_bores(scan, found)
     flats: tuple[Reconstruction, ...] = ()
     against = {check.name for check in failed(found.checks)}
     curable = options.flat and against <= CURED
     if curable:
-        found, flats = served(scan, found, options.seed, bores)
+        found, flats = served(scan, found, options.seed, bores, grown)
     if not against or not failed(found.checks):
         return found, flats, bores
     again = looked_again(scan, options, begun)
     if not options.flat or (curable and again is begun.surface):
         return (found if curable else again), flats, bores
-    bores = _bores(scan, again)
-    return *served(scan, again, options.seed, bores), bores
+    grown, bores = _planes_and_bores(scan, again)
+    return *served(scan, again, options.seed, bores, grown), bores
 
 
-def _bores(scan: Scan, found: Reconstruction) -> Sequence[Bore]:
-    return told_bores(scan.cloud.points, found.normals, found.spacing_m, found.sigma_m)
+def _planes_and_bores(scan: Scan, found: Reconstruction) -> tuple[Planes | None, Sequence[Bore]]:
+    grown = grown_planes(scan.cloud.points, found)
+    return grown, told_bores(scan.cloud.points, found.normals, found.spacing_m, found.sigma_m, grown)
 
 
 def _nothing_lost(found: Reconstruction, bores: Sequence[Bore]) -> Reconstruction:

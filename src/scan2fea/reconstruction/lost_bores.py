@@ -19,7 +19,7 @@ from scan2fea.kernel.distances import signed_distance
 from scan2fea.kernel.surfaces import Surface
 from scan2fea.reconstruction.bores import AROUND, CLEAR, Bore, distinct, every_bore
 from scan2fea.reconstruction.evidence import around, at_most
-from scan2fea.reconstruction.plane_growing import grow_planes
+from scan2fea.reconstruction.plane_growing import Planes, grow_planes
 from scan2fea.reconstruction.round_growing import CHORD, off_round_m
 from scan2fea.types import BoolArray, Check, FloatArray, TriangleMesh
 
@@ -35,10 +35,13 @@ WHOLE = 1.2  # of the radius: tets at the wall of a bore too
 STEPS = 64  # places on the axis
 
 
-def told_bores(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_m: float) -> list[Bore]:
-    """Small round holes through walls, with points on all their wall and none within. points, normals : (n, 3) raw, and outward."""
+def told_bores(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_m: float, grown: Planes | None = None) -> list[Bore]:
+    """Small round holes through walls, with points on all their wall and none within. points, normals : (n, 3) raw, and outward.
+
+    grown : the planes under them, where they are known.
+    """
     try:
-        planes = grow_planes(points, normals, spacing_m, sigma_m)
+        planes = grow_planes(points, normals, spacing_m, sigma_m) if grown is None else grown
     except ReconstructionError:
         return []
     found = every_bore(points, planes, spacing_m, sigma_m, DEEPEST * WIDEST * spacing_m, HELD)

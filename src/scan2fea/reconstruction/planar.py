@@ -7,8 +7,9 @@ planes alone. Creases and corners are where planes meet: exact without noise, an
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -111,20 +112,22 @@ def flattened(scan: Scan, first: Reconstruction, seed: int = 0, by_lines: bool =
 
 
 def served(
-    scan: Scan, first: Reconstruction, seed: int = 0, bores: Sequence[Bore] = ()
+    scan: Scan, first: Reconstruction, seed: int = 0, bores: Sequence[Bore] = (), grown: Planes | None = None
 ) -> tuple[Reconstruction, tuple[Reconstruction, ...]]:
     """Flat and round faces where they explain the points and close; else the first surface, with the reason in `how`. And those that were refused.
 
     Of two solids of planes, with narrow faces as their points or as the outlines of walls tell them, that of fewer faces is taken.
     Cylinders are looked for where planes alone do not serve. Where sensors are known and the first surface is refused, or differs from a flat solid
     that nothing else speaks against, what is hidden has led it astray: then sight lines label the cells in its place, before any cylinder is tried.
-    bores : that the points tell: planes alone close those of few points.
+    bores : that the points tell: planes alone close those of few points.   grown : the planes under all points, where they are known.
     """
     seen, by_lines = first.source == "sensors", bool(failed(first.checks))
     why = ""
     refused: list[Reconstruction] = []
     best: Reconstruction | None = None
-    for find in (flat_faces, outlined_faces, round_faces):
+    finders: tuple[Callable[[FloatArray, Reconstruction], Faces | None], ...]
+    finders = (partial(flat_faces, grown=grown), partial(outlined_faces, grown=grown), round_faces)
+    for find in finders:
         if best is not None and find is round_faces:
             break
         try:

@@ -21,6 +21,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 EXPLAINED = 0.8  # of a cylinder's points lie on planes or larger cylinders: normals blended along an edge turn as round ones do
 FACES_OFF = 0.5  # spacings that faces of a first surface lie off the cylinder they are of, besides the noise: chords between points
 FACES_LEAN = 0.3  # cosine
+LEAST_PLANES = 3  # of a solid, but for its rims
 NARROW = 4.0  # times how far points may lie off their plane: of a narrower face half lies within reach of those beside it
 TAIL = 2.0  # times how far points may lie off their cylinder: so far the noise still throws one of thousands
 
@@ -33,24 +34,40 @@ class Faces(Value):
     rounds: Rounds = NO_ROUNDS
 
 
-def flat_faces(points: FloatArray, first: Reconstruction) -> Faces:
-    """The planes alone. points : (n, 3) raw, in the rows of `first`. Raises ReconstructionError where they are too few for a solid, or too many."""
-    return Faces(planes=planes_beside(points, first, NO_ROUNDS))
+def grown_planes(points: FloatArray, first: Reconstruction) -> Planes | None:
+    """The planes under all points, without narrow ones; None where they would be too many. points : (n, 3) raw, in the rows of `first`."""
+    try:
+        return grow_planes(points, first.normals, first.spacing_m, first.sigma_m)
+    except ReconstructionError:
+        return None
 
 
-def outlined_faces(points: FloatArray, first: Reconstruction) -> Faces | None:
+def flat_faces(points: FloatArray, first: Reconstruction, grown: Planes | None = None) -> Faces:
+    """The planes alone. points : (n, 3) raw, in the rows of `first`.   grown : what `grown_planes` says, where it was asked.
+
+    Raises ReconstructionError where they are too few for a solid, or too many.
+    """
+    require(grown is None or len(grown) >= LEAST_PLANES, ReconstructionError, f"{_says(grown)}: they are no solid of flat faces")
+    return Faces(planes=planes_beside(points, first, NO_ROUNDS, grown))
+
+
+def outlined_faces(points: FloatArray, first: Reconstruction, grown: Planes | None = None) -> Faces | None:
     """The planes alone, the narrow ones by the outlines of walls alone; None where none is narrow. Raises ReconstructionError as `flat_faces`.
 
     Across a face as narrow as the noise reaches, points tell no tilt, and their normals are blended with those beside it: planes grown there lean.
     """
     h, sigma = first.spacing_m, first.sigma_m
-    grown = grow_planes(points, first.normals, h, sigma)
+    grown = grow_planes(points, first.normals, h, sigma) if grown is None else grown
     width = np.array([_width(points[grown.label == k]) for k in range(len(grown))])
     is_narrow = width <= NARROW * tolerance_m(h, sigma)
     if sigma <= EXACT or not is_narrow.any():
         return None
     wide = settled(points, first.normals, [grown.plane(int(k)) for k in np.flatnonzero(~is_narrow)], h, sigma)
     return Faces(planes=planes_beside(points, first, NO_ROUNDS, wide))
+
+
+def _says(planes: Planes | None) -> str:
+    return f"the points lie on {0 if planes is None else len(planes)} planes"
 
 
 def _width(own: FloatArray) -> float:
@@ -161,8 +178,8 @@ def planes_beside(points: FloatArray, first: Reconstruction, rounds: Rounds, gro
         planes = with_strips(points[rows], given, mesh, wall, h, sigma, axes)
         least = 1
     else:
-        is_known = grown is not None or len(planes) >= 3
-        require(is_known, ReconstructionError, f"the points lie on {len(planes)} planes: they are no solid of flat faces")
+        is_known = grown is not None or len(planes) >= LEAST_PLANES
+        require(is_known, ReconstructionError, f"{_says(planes)}: they are no solid of flat faces")
         planes = with_strips(points[rest], planes, mesh, wall, h, sigma)
         least = 4
     says = f"the points would need {len(planes)} planes ({least} to {MOST_PLANES}): they are no solid of flat faces"

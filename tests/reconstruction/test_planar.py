@@ -18,6 +18,7 @@ from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.hanging import Among
 from scan2fea.reconstruction.planar import flattened
 from scan2fea.reconstruction.plane_growing import Planes, grow_planes, robust_plane
+from scan2fea.reconstruction.shapes_found import outlined_faces
 from scan2fea.reconstruction.strips import _own, _without_backs, rim_offset
 from scan2fea.simulation.polyhedra import meshed, prism
 from scan2fea.simulation.shapes import bracket
@@ -238,3 +239,12 @@ def test_rims_narrower_than_the_noise_reaches_are_faces_of_the_outline(seed):
     assert found.how["method"] == "planar" and not failed(found.checks)
     assert len(planar_regions(found.mesh).ids) == 14
     assert volume(found.mesh) == pytest.approx(volume(frame), rel=0.005)
+
+
+def test_planes_that_are_narrow_all_or_have_lost_their_points_give_no_outline():
+    scan, _, _ = scanned(BEAM, 0.006, 0.0006, seed=1)
+    first = visibility(scan)
+    planes = grow_planes(scan.cloud.points, first.normals, first.spacing_m, first.sigma_m)
+    none = replace(planes, label=np.full(len(planes.label), -1))
+    assert outlined_faces(scan.cloud.points, first, none) is None
+    assert outlined_faces(scan.cloud.points, first, None) is None

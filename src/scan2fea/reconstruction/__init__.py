@@ -90,7 +90,7 @@ def _with_flats(scan: Scan, options: ReconstructionOptions) -> tuple[Reconstruct
 
 def _planes_and_bores(scan: Scan, found: Reconstruction) -> tuple[Planes | None, Sequence[Bore]]:
     grown = grown_planes(scan.cloud.points, found)
-    return grown, told_bores(scan.cloud.points, found.normals, found.spacing_m, found.sigma_m, grown)
+    return grown, [] if grown is None else told_bores(scan.cloud.points, found.normals, found.spacing_m, found.sigma_m, grown)
 
 
 def _nothing_lost(found: Reconstruction, bores: Sequence[Bore]) -> Reconstruction:

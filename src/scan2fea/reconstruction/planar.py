@@ -119,7 +119,7 @@ def served(
     Of two solids of planes, with narrow faces as their points or as the outlines of walls tell them, that of fewer faces is taken.
     Cylinders are looked for where planes alone do not serve. Where sensors are known and the first surface is refused, or differs from a flat solid
     that nothing else speaks against, what is hidden has led it astray: then sight lines label the cells in its place, before any cylinder is tried.
-    bores : that the points tell: planes alone close those of few points.   grown : the planes under all points, where they are known.
+    bores : that the points tell: planes alone close those of few points.   grown : the planes under all points; None: not asked, or too many.
     """
     seen, by_lines = first.source == "sensors", bool(failed(first.checks))
     why = ""

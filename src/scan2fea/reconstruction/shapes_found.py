@@ -51,16 +51,17 @@ def flat_faces(points: FloatArray, first: Reconstruction, grown: Planes | None =
     return Faces(planes=planes_beside(points, first, NO_ROUNDS, grown))
 
 
-def outlined_faces(points: FloatArray, first: Reconstruction, grown: Planes | None = None) -> Faces | None:
-    """The planes alone, the narrow ones by the outlines of walls alone; None where none is narrow. Raises ReconstructionError as `flat_faces`.
+def outlined_faces(points: FloatArray, first: Reconstruction, grown: Planes | None) -> Faces | None:
+    """The planes alone, the narrow ones by the outlines of walls; None where none is narrow, or all. Raises ReconstructionError as `flat_faces`.
 
     Across a face as narrow as the noise reaches, points tell no tilt, and their normals are blended with those beside it: planes grown there lean.
     """
     h, sigma = first.spacing_m, first.sigma_m
-    grown = grow_planes(points, first.normals, h, sigma) if grown is None else grown
+    if grown is None or sigma <= EXACT:
+        return None
     width = np.array([_width(points[grown.label == k]) for k in range(len(grown))])
     is_narrow = width <= NARROW * tolerance_m(h, sigma)
-    if sigma <= EXACT or not is_narrow.any():
+    if is_narrow.all() or not is_narrow.any():
         return None
     wide = settled(points, first.normals, [grown.plane(int(k)) for k in np.flatnonzero(~is_narrow)], h, sigma)
     return Faces(planes=planes_beside(points, first, NO_ROUNDS, wide))
@@ -71,8 +72,8 @@ def _says(planes: Planes | None) -> str:
 
 
 def _width(own: FloatArray) -> float:
-    """Of the strip that points of a plane would fill evenly, across it."""
-    return float(np.sqrt(12.0 * max(0.0, np.linalg.eigvalsh(np.cov(own.T))[1])))
+    """Of the strip that points of a plane would fill evenly, across it; 0 of too few."""
+    return 0.0 if len(own) < LEAST_POINTS else float(np.sqrt(12.0 * max(0.0, np.linalg.eigvalsh(np.cov(own.T))[1])))
 
 
 def round_faces(points: FloatArray, first: Reconstruction) -> Faces | None:

@@ -248,3 +248,16 @@ def test_planes_that_are_narrow_all_or_have_lost_their_points_give_no_outline():
     none = replace(planes, label=np.full(len(planes.label), -1))
     assert outlined_faces(scan.cloud.points, first, none) is None
     assert outlined_faces(scan.cloud.points, first, None) is None
+
+
+def test_narrow_planes_that_look_along_wide_ones_need_no_outline():
+    """The rims of an angle of 6.35 mm, as they are grown, and one of them made to lean."""
+    scan, _, _ = scanned(BEAM, 0.003, 0.0006, seed=1)
+    points, first = scan.cloud.points, visibility(scan)
+    planes = grow_planes(points, first.normals, first.spacing_m, first.sigma_m)
+    toes = [k for k in range(4, len(planes)) if abs(planes.normal[k] @ planes.normal[0]) > 0.9]
+    assert toes and outlined_faces(points, first, planes) is None
+    normal = planes.normal.copy()
+    normal[toes] += 0.15 * normal[1]
+    normal[toes] /= np.linalg.norm(normal[toes], axis=1)[:, None]
+    assert outlined_faces(points, first, replace(planes, normal=normal)) is not None

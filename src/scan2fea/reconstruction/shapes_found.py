@@ -14,7 +14,7 @@ from scan2fea.reconstruction.bores import LEAST_POINTS, is_same, wall_bores
 from scan2fea.reconstruction.plane_growing import MOST_PLANES, Planes, assigned, grow_planes, settled, tolerance_m
 from scan2fea.reconstruction.regular import EXACT
 from scan2fea.reconstruction.round_growing import NO_ROUNDS, Rounds, grow_rounds, nearest_round, off_round_m, radius_std
-from scan2fea.reconstruction.strips import with_strips
+from scan2fea.reconstruction.strips import EXACTLY, needed, ways_of, with_strips
 from scan2fea.reconstruction.visibility import Reconstruction
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 
@@ -52,16 +52,18 @@ def flat_faces(points: FloatArray, first: Reconstruction, grown: Planes | None =
 
 
 def outlined_faces(points: FloatArray, first: Reconstruction, grown: Planes | None) -> Faces | None:
-    """The planes alone, the narrow ones by the outlines of walls; None where none is narrow, or all. Raises ReconstructionError as `flat_faces`.
+    """The planes alone, the narrow ones by the outlines of walls; None where none is narrow, all are, or each looks along a direction of wide ones.
 
     Across a face as narrow as the noise reaches, points tell no tilt, and their normals are blended with those beside it: planes grown there lean.
+    Raises ReconstructionError as `flat_faces`.
     """
     h, sigma = first.spacing_m, first.sigma_m
     if grown is None or sigma <= EXACT:
         return None
+    grown = needed(points, grown, h, sigma)
     width = np.array([_width(points[grown.label == k]) for k in range(len(grown))])
     is_narrow = width <= NARROW * tolerance_m(h, sigma)
-    if is_narrow.all() or not is_narrow.any():
+    if is_narrow.all() or not is_narrow.any() or (grown.normal[is_narrow] @ ways_of(grown.normal[~is_narrow]).T).max(axis=1).min() >= EXACTLY:
         return None
     wide = settled(points, first.normals, [grown.plane(int(k)) for k in np.flatnonzero(~is_narrow)], h, sigma)
     return Faces(planes=planes_beside(points, first, NO_ROUNDS, wide))
@@ -82,10 +84,10 @@ def round_faces(points: FloatArray, first: Reconstruction) -> Faces | None:
     if not len(rounds):
         return None
     planes = planes_beside(points, first, rounds)
-    needed = _needed(points, rounds, planes, first.spacing_m, first.sigma_m)
-    if len(needed) < len(rounds):
-        planes = planes_beside(points, first, needed)
-    return Faces(planes=planes, rounds=needed) if len(needed) else None
+    kept = _needed(points, rounds, planes, first.spacing_m, first.sigma_m)
+    if len(kept) < len(rounds):
+        planes = planes_beside(points, first, kept)
+    return Faces(planes=planes, rounds=kept) if len(kept) else None
 
 
 def rounds_of(points: FloatArray, first: Reconstruction) -> Rounds:

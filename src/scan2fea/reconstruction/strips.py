@@ -60,7 +60,7 @@ def with_strips(
     """
     planes = needed(points, planes, spacing_m, sigma_m)
     left = _left(points, planes, mesh, wall_m, spacing_m, sigma_m)
-    ways = _ways(planes.normal if axes is None else np.vstack([planes.normal, axes]))
+    ways = ways_of(planes.normal if axes is None else np.vstack([planes.normal, axes]))
     depth = DEPTH * spacing_m + 2.0 * sigma_m
     label, free = planes.label.copy(), np.ones(len(left.area), bool)
     found: list[Plane] = []
@@ -271,7 +271,7 @@ def _at_rim(points: FloatArray, rows: IntArray, left: _Left, own: BoolArray, way
     return plane if held.sum() >= max(LEAST_POINTS, BACKED * float(left.area[own].sum()) / spacing_m**2) else None
 
 
-def _ways(normals: FloatArray) -> FloatArray:
+def ways_of(normals: FloatArray) -> FloatArray:
     """(k, 3) directions that known planes give: their normals, and the lines in which they meet, both ways."""
     found: list[FloatArray] = []
 

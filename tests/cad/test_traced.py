@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drawn import drawing, triangles
-from predicates import box, rotation, torus
+from predicates import box, rotation, sphere, torus
 from scan2fea.cad import corners, true_solid
 from scan2fea.cad.corners import Meeting, met
 from scan2fea.cad.live import is_valid, parts
@@ -216,6 +216,20 @@ def test_a_tube_gets_faces_that_go_all_the_way_round():
     assert is_valid(found.solid)
     assert len(parts(found.solid, TopAbs_FACE)) == 4
     assert volume_of(found.solid) == pytest.approx(np.pi * (144 - 81) * 30, rel=1e-9)
+
+
+def test_half_balls_that_a_cylinder_passes_into_are_cut_so_that_no_pole_lies_on_their_border():
+    ball = sphere(20.0, 4)
+    up = np.array([[0.0, 0.0, 30.0]])
+    mesh = TriangleMesh(vertices=(ball.vertices + up * np.sign(np.round(ball.vertices[:, 2:], 6))) @ rotation(5).T, faces=ball.faces)
+    up = rotation(5) @ up[0]
+    height = mesh.vertices[mesh.faces].mean(1) @ up / np.linalg.norm(up)
+    label = np.where(height > 29.0, 0, np.where(height < -29.0, 1, 2))
+    surfaces = [Surface(kind=SPHERE, point=side * up, axis=np.array([0.0, 0.0, 1.0]), radius=20.0) for side in (1, -1)]
+    surfaces.append(Surface(kind=CYLINDER, point=np.zeros(3), axis=up / np.linalg.norm(up), radius=20.0))
+    made = traced_solid(mesh, label, surfaces, small([4, 4, 5]), 0.1, 2.0).solid
+    assert is_valid(made)
+    assert abs(volume_of(made) / (np.pi * 400 * (60 + 4 / 3 * 20)) - 1) < 1e-4
 
 
 def test_faces_of_a_wall_are_regions_each_and_all_their_corners_are_corners():

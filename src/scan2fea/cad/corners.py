@@ -219,13 +219,22 @@ class Meeting:
         surfaces = [self.surfaces[k] for k in numbers]
         line = next((s.along(line) for s in surfaces if isinstance(s, Extruded)), line)
         cut = self.network.cuts.get(frozenset((border.left, border.right)))
-        out, worst = [ends[0]], 0.0
+        out = [Corner(at=ends[0], off=0.0)]
         for k in range(1, n):
             along = line[k + 1] - line[k - 1]
             along = along / max(float(np.linalg.norm(along)), 1e-300)
             tie = self._tie(number, line[k], along) if number in self.touching else None
             planes = [(line[k], along)] + ([cut] if cut is not None else [])
-            found = met(line[k], surfaces, [tie] if tie is not None else [], planes, ROUNDS_ON_EDGE)
-            out.append(found.at)
-            worst = max(worst, found.off)
-        return Edge(chain=number, first=first, last=last, points=np.array([*out, ends[1]]), off=worst)
+            out.append(met(line[k], surfaces, [tie] if tie is not None else [], planes, ROUNDS_ON_EDGE))
+        out = _forward([*out, Corner(at=ends[1], off=0.0)])
+        return Edge(chain=number, first=first, last=last, points=np.array([p.at for p in out]), off=max(p.off for p in out))
+
+
+def _forward(places: Sequence[Corner]) -> list[Corner]:
+    """Places along an edge without those from which it would turn back: where noise lets a border wind, its middle overtakes itself or a corner."""
+    out = [places[0]]
+    for place in places[1:]:
+        while len(out) > 1 and (out[-1].at - out[-2].at) @ (place.at - out[-1].at) < 0:
+            out.pop()
+        out.append(place)
+    return out

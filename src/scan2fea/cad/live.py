@@ -199,11 +199,20 @@ def solid_of_faces(faces: Sequence[Any]) -> Any | None:
     return solid
 
 
-def unified(shape: Any) -> Any:
-    """Pieces of one surface made one face, pieces of one curve one edge."""
-    from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain
+def unified(shape: Any, *, balls: bool = True) -> Any:
+    """Pieces of one surface made one face, pieces of one curve one edge; of balls only with `balls`: a pole of the whole may lie on its border.
 
-    merger = ShapeUpgrade_UnifySameDomain(shape, True, True, False)
+    The shape itself is left as it is: Open Cascade changes what it is given.
+    """
+    from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
+    from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain
+    from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE
+
+    copied = BRepBuilderAPI_Copy(shape).Shape()
+    merger = ShapeUpgrade_UnifySameDomain(copied, True, True, False)
+    for face in () if balls else parts(copied, TopAbs_FACE):
+        for edge in parts(face, TopAbs_EDGE) if surface_of(face).kind == SPHERE else ():
+            merger.KeepShape(edge)
     try:
         merger.Build()
     except Exception:  # noqa: BLE001 - Open Cascade raises types of its own; the pieces stay, as good a solid

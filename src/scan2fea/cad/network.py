@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 LEAST_FACES = 8  # fewer are strays of the patch around them: no patch begins with so few
 TIDIED = 6  # times at most
 OPEN_TURN = np.pi / 2  # a patch that leaves less of a turn open is cut in two: faces without seams
-HALF_BALL = 0.4  # of its area, the sum of the normals of a ball's patch: less is more than half a ball
+NEARLY_HALF_BALL = 0.6  # of its area, the sum of the normals of a ball's patch: less (a cap of 78 degrees) leaves no room for both poles
 DIRECTIONS = 36  # tried for a cut
 
 
@@ -41,6 +41,15 @@ class Network(Value):
     chains: tuple[Chain, ...]
     cuts: dict[frozenset[int], tuple[FloatArray, FloatArray]]
 
+    def halved_through(self, surfaces: Sequence[Surface]) -> Network:
+        """The same with its cuts through the axes, or centres, of these surfaces: the seam of what is joined again is straight."""
+        cuts = {}
+        for halves, (_, normal) in self.cuts.items():
+            surface = surfaces[int(self.surface[min(halves)])]
+            square = normal if surface.kind == SPHERE else normal - (normal @ surface.axis) * surface.axis
+            cuts[halves] = surface.point, square / np.linalg.norm(square)
+        return replace(self, cuts=cuts)
+
 
 def network_of(mesh: TriangleMesh, label: IntArray, surfaces: Sequence[Surface], wall: BoolArray | None = None) -> Network:
     """The network of a closed manifold mesh. label : (m,) surface of each face, -1 where the nearest beside it is to be taken.
@@ -59,10 +68,11 @@ def network_of(mesh: TriangleMesh, label: IntArray, surfaces: Sequence[Surface],
     halved, cuts = part.copy(), {}  # type: tuple[IntArray, dict[int, tuple[FloatArray, FloatArray]]]
     for k in np.flatnonzero(region >= 0).tolist():
         rows = np.flatnonzero(part == k)
-        cut = _cut(mesh, rows, part, surfaces[region[k]], table)
+        cut = _cut(mesh, rows, halved, surfaces[region[k]], table)  # corners of the cuts before too
         if cut is not None:
             centres = mesh.vertices[mesh.faces[rows]].mean(1)
-            halved[rows[(centres - cut[0]) @ cut[1] > 0]] = len(region) + k
+            beyond = (centres - cut[0]) @ cut[1] > 0
+            halved[rows[_whole(mesh.faces[rows], beyond)]] = len(region) + k
             cuts[k] = cut
     out = _parts(mesh, halved, table)
     origin = np.zeros(int(out.max()) + 1, np.int64)
@@ -117,14 +127,29 @@ def _parts(mesh: TriangleMesh, label: IntArray, table: EdgeTable) -> IntArray:
     return face_components(mesh.faces, joined)[1]
 
 
+def _whole(faces: IntArray, beyond: BoolArray) -> BoolArray:
+    """Sides of some faces of which each is one piece: crumbs that a border along the cut leaves go to the other side."""
+    out = beyond.copy()
+    for side in (False, True):
+        rows = np.flatnonzero(beyond == side)
+        if len(rows):
+            part = face_components(faces[rows])[1]
+            size = np.bincount(part)
+            out[rows[(size < LEAST_FACES)[part] & (part != size.argmax())]] = not side
+    return out
+
+
 def _cut(mesh: TriangleMesh, rows: IntArray, label: IntArray, surface: Surface, table: EdgeTable) -> tuple[FloatArray, FloatArray] | None:
     """A plane through the axis that halves a region which goes (nearly) all the way round, far from its corners; None where it does not."""
     if surface.kind in (PLANE, EXTRUDED):
         return None
     if surface.kind == SPHERE:
         area = face_areas(mesh)[rows]
-        if float(np.linalg.norm(area @ face_normals(mesh)[rows])) > HALF_BALL * float(area.sum()):
+        middle = area @ face_normals(mesh)[rows]
+        length = float(np.linalg.norm(middle))
+        if length > NEARLY_HALF_BALL * float(area.sum()):
             return None
+        surface = surface if length < 1e-6 * float(area.sum()) else replace(surface, axis=middle / length)
     e = surface.frame()
 
     def turn(points: FloatArray) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
@@ -20,6 +20,7 @@ from scan2fea.cad.live import is_valid
 from scan2fea.cad.patches import Patches, segmented
 from scan2fea.cad.resting import Resting, resting_planes
 from scan2fea.cad.revolved import turned_solid
+from scan2fea.cad.rims import with_rims
 from scan2fea.cad.rolled import with_rings_and_balls
 from scan2fea.cad.roundings import free_share, smooth_share, unexplained, widened, without_roundings
 from scan2fea.cad.sheets import MOST_AREA, MOST_TRIANGLES, sewn_sheet, sheet, walls_of, without_walls
@@ -41,6 +42,7 @@ MARGINS = (1.0, 3.0, 8.0)  # times the reach by which faces are drawn beyond the
 SMOOTH = 0.5  # share of the borders of patches without an angle: more is free form in pieces (0 to 0.3 on bodies of few faces, 0.83 on a blob)
 UNEXPLAINED = 0.004  # share of the area that may lie on no surface: more is free form
 SCRAPS = 0.01  # of the area: surfaces that a wider tolerance does without
+NOTHING_TOLD: Mapping[int, FloatArray] = {}
 NO_FILLETS = "rounded edges could not be made"
 
 
@@ -107,7 +109,11 @@ def true_solid(
             mixed.clear()
             break
         mixed.append(patches)
-    last = [] if is_large else [_traced(mesh, points, asked or _asked(mesh, raw, near, known, scale), near, scale, stands)]
+    asked = asked or _asked(mesh, raw, near, known, scale)
+    rimmed = _rimmed(mesh, points, asked, raw, near, scale, stands)
+    if rimmed.brep is not None:
+        return rimmed
+    last = [] if is_large else [_traced(mesh, points, asked, near, scale, stands)]
     made = next((f for f in chain(last, (_mixed(mesh, points, p, scale, stands) for p in mixed)) if f.brep is not None), None)
     return no_solid(reason) if made is None else made
 
@@ -182,9 +188,10 @@ def _built(
     may_cut: bool,
     may_turn: bool = False,
     walls: Sequence[IntArray] = (),
+    told: Mapping[int, FloatArray] = NOTHING_TOLD,
 ) -> Trued:
     """Fit, snap, cut, round the edges, check; the first margin that passes."""
-    fitted, snaps, is_whole = fits_of(mesh, points, patches, scale, stands)
+    fitted, snaps, is_whole = fits_of(mesh, points, patches, scale, stands, told=told)
     fits = [f.surface for f in fitted]
     middle = (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2
     local = TriangleMesh(vertices=(mesh.vertices - middle) * MILLIMETRES_PER_METRE, faces=mesh.faces)
@@ -259,6 +266,17 @@ def _mixed(mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: Scal
     return _built(mesh, points, without_walls(patches, walls), scale, stands, may_cut=True, walls=walls)
 
 
+def _rimmed(mesh: TriangleMesh, points: FloatArray, patches: Patches, raw: Patches, near: Measured, scale: Scale, stands: Sequence[Resting]) -> Trued:
+    """The solid whose rims, too narrow for patches, are told by the walls beside them."""
+    fits = fits_of(mesh, points, patches, scale, stands)[0]
+    straight = replace(patches, surfaces=tuple(f.surface for f in fits))
+    found = with_rims(mesh, straight, raw, near.points, near.face, scale.tolerance_m, scale.reach_m)
+    if not found.told:
+        return no_solid("")
+    made = _built(mesh, points, found.patches, scale, stands, may_cut=smooth_share(mesh, found.patches) <= SMOOTH, told=found.told)
+    return made if made.brep is not None else _traced(mesh, points, found.patches, near, scale, stands, found.told)
+
+
 def _asked(mesh: TriangleMesh, raw: Patches, near: Measured, known: list[Surface], scale: Scale) -> Patches:
     """The patches that tracing begins with. Where the vertices are the points creases are sharp: what lies within twice the tolerance of two surfaces
     is a rounding, and no more.
@@ -271,13 +289,18 @@ def _crease(near: Measured, scale: Scale) -> float:
     return 2 * scale.tolerance_m if near.density == 0.0 else scale.reach_m
 
 
-def _traced(mesh: TriangleMesh, points: FloatArray, patches: Patches, near: Measured, scale: Scale, stands: Sequence[Resting]) -> Trued:
+def _traced(
+    mesh: TriangleMesh, points: FloatArray, patches: Patches, near: Measured, scale: Scale, stands: Sequence[Resting],
+    told: Mapping[int, FloatArray] = NOTHING_TOLD,
+) -> Trued:  # fmt: skip
     """The solid of the patches as they border on each other, where surfaces touch that cells cannot cut."""
+    rims = {id(patches.surfaces[k]): used for k, used in told.items()}
     patches = with_rings_and_balls(mesh, patches, scale.tolerance_m)
+    told = {k: rims[id(s)] for k, s in enumerate(patches.surfaces) if id(s) in rims}
     lost = unexplained(mesh, patches, _crease(near, scale), near.face, near.density)
     if lost > UNEXPLAINED or not 2 <= len(patches.surfaces) <= MAX_TRACED:
         return no_solid(_refused(patches, lost) or f"{len(patches.surfaces)} surfaces, more than {MAX_TRACED}")
-    fits, snaps, _ = fits_of(mesh, points, patches, scale, stands, radii=False)
+    fits, snaps, _ = fits_of(mesh, points, patches, scale, stands, radii=False, told=told)
     middle = (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2
     mm = MILLIMETRES_PER_METRE
     local = TriangleMesh(vertices=(mesh.vertices - middle) * mm, faces=mesh.faces)

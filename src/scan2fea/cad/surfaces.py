@@ -128,7 +128,10 @@ def _flat_middle(found: Fit, middle: FloatArray, n: int, size_m: float) -> Fit:
 
 
 def snapped(fits: Sequence[Fit], *, radii: bool = True) -> tuple[list[Fit], list[Snap]]:
-    """The fits with all relations applied that the data do not refuse, and every relation that was tested; those between radii with `radii`."""
+    """The fits with all relations applied that the data do not refuse, and every relation that was tested.
+
+    radii : those between radii, and between centres of balls, too.
+    """
     out, snaps = list(fits), []  # type: tuple[list[Fit], list[Snap]]
     groups = _directions(out, snaps)
     free = [np.ones(FREEDOMS[f.surface.kind], bool) for f in out]
@@ -139,8 +142,8 @@ def snapped(fits: Sequence[Fit], *, radii: bool = True) -> tuple[list[Fit], list
     for members in groups:
         _coplanar([k for k in members if out[k].surface.kind == PLANE], out, snaps)
         _concentric([k for k in members if out[k].surface.kind != PLANE], out, free, snaps)
-    _one_centre([k for k, f in enumerate(out) if f.surface.kind == SPHERE], out, free, snaps)
     if radii:
+        _one_centre([k for k, f in enumerate(out) if f.surface.kind == SPHERE], out, free, snaps)
         _equal_radii(out, free, snaps)
     return out, snaps
 

@@ -8,7 +8,7 @@ and joined at the end.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,7 @@ RESOLUTION = 1e-6  # mm
 WALLS = 5  # rounds in which walls grow
 BRIDGED = 3  # rounds in which bridges are given to what lies under them
 MOST_FACETS = 5_000
+POLES = 36  # directions tried
 SMALL = 0.01  # of the area: a larger patch is no piece of a wall
 LOOSE = 0.1  # of the length of all borders: more is free form in pieces
 LOOSEST = 1.0  # mm that Open Cascade may widen an edge by; what is off is found when the solid is compared
@@ -72,6 +73,7 @@ def traced_solid(
         if loose > LOOSE or n_facets > MOST_FACETS:
             break
         made, kept = made_to_touch(surfaces, covariances, touches, tolerance)
+        network = network.halved_through(made)
         meeting = Meeting(mesh_mm, network, made, [touch.chain for touch in kept], tolerance, spacing, evened=evened)
         edges = meeting.edges()
         own = network.surface[network.label]
@@ -131,8 +133,8 @@ def _whole(solid: Any) -> Any:
     """Halves joined, where that leaves the solid as valid as it was."""
     from OCP.TopAbs import TopAbs_SOLID
 
-    joined = unified(solid)
-    return joined if is_valid(joined) and len(parts(joined, TopAbs_SOLID)) == 1 else solid
+    joined = (unified(solid, balls=balls) for balls in (True, False))
+    return next((whole for whole in joined if is_valid(whole) and len(parts(whole, TopAbs_SOLID)) == 1), solid)
 
 
 def _faces(
@@ -289,10 +291,11 @@ def _geometry(surface: Surface, points: FloatArray) -> Any:
         return drawn_surface(surface.poles() + (height.min() - over) * surface.axis, surface.spline.t, 3 * over * surface.axis)
     away = surface.point - points.mean(0)
     axis = surface.axis
-    if surface.kind == SPHERE:  # its poles aside of the points too
-        least = np.eye(3)[int(np.abs(away).argmin())]
-        axis = least - (least @ away) * away / max(float(away @ away), 1e-300)
-        axis = axis / np.linalg.norm(axis)
+    if surface.kind == SPHERE:  # its poles aside of the points too, as far as they may be
+        across = replace(surface, axis=away / max(float(np.linalg.norm(away)), 1e-300)).frame()
+        turn = np.arange(POLES) * np.pi / POLES
+        axes = np.cos(turn)[:, None] * across[0] + np.sin(turn)[:, None] * across[1]
+        axis = axes[int(np.abs((points - surface.point) @ axes.T).max(0).argmin())]
     away = away - (away @ axis) * axis
     away = away if np.linalg.norm(away) > 1e-6 * surface.radius else surface.frame()[0]
     frame = gp_Ax3(pnt(surface.point), direction(axis), direction(away))

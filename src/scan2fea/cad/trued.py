@@ -53,12 +53,15 @@ def no_solid(reason: str) -> Trued:
 
 
 def fits_of(
-    mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: Scale, stands: Sequence[Resting] = (), *, radii: bool = True
-) -> tuple[list[Fit], tuple[Snap, ...], bool]:
+    mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: Scale, stands: Sequence[Resting] = (), *, radii: bool = True,
+    told: Mapping[int, FloatArray] | None = None,
+) -> tuple[list[Fit], tuple[Snap, ...], bool]:  # fmt: skip
     """The surfaces fitted to the measured points of their regions, away from borders, with relations applied. One with too few points stays as the
     vertices of its patch have it; the last value tells whether there was none.
 
-    radii : relations between radii too. What touches tells them better: of a quarter of a turn on its own they are known to a tenth.
+    radii : relations between radii, and centres of balls, too. What touches tells them better: of a quarter of a turn on its own a radius is known
+        to a tenth, and the heads of two walls cannot touch both where all share a centre.
+    told : by number, the points of surfaces that are known already.
     """
     used = points[sampled_rows(len(points), FIT_POINTS, 0)]
     inner = inner_faces(mesh, patches.label)
@@ -70,6 +73,10 @@ def fits_of(
     is_whole = True
     flat = [s.axis for s in patches.surfaces if s.kind == PLANE]
     for k, surface in enumerate(patches.surfaces):
+        if told is not None and k in told:
+            sigma = max(surface.rms_m, scale.tolerance_m / 3)
+            fits.append(Fit(surface=surface, points=told[k], sigma_m=sigma, covariance=covariance(surface, told[k], sigma)))
+            continue
         rows = np.flatnonzero((label == k) & deep)
         if len(rows) < FITTED:
             rows = np.flatnonzero(label == k)

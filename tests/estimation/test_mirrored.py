@@ -44,6 +44,30 @@ def test_both_faces_end_at_the_mirror_image_of_a_seen_toe(family, sigma) -> None
     assert open_walls(replace(member, told_toes=told)) == 0
 
 
+ALSO = {"C": "TOP_OUTER", "T": "FLANGE_INNER_LEFT", "I": "TOP_INNER_LEFT"}
+
+
+def scanned_from_one_side(family, sigma):
+    """Neither the toe nor one of the faces beside it was seen."""
+    member = made(family, sigma=sigma)
+    hidden = {HIDDEN[family][0], ALSO[family]}
+    seen = tuple(name for name in faces(family) if name not in hidden)
+    points = member_points(family, member.values(), 20_000, MemberScanOptions(noise_m=sigma, faces=seen, caps=True, clutter=0.02, seed=4))
+    sure = tuple(replace(p, std_m=2e-5) for p in member.parameters)
+    return replace(member, seen=dict.fromkeys(faces(family), 1.0) | dict.fromkeys(hidden, 0.0), parameters=sure), points
+
+
+@pytest.mark.parametrize("family", HIDDEN)
+@pytest.mark.parametrize("sigma", [0.0, 0.0002])
+def test_one_face_alone_tells_where_it_is_known_ten_times_as_well(family, sigma) -> None:
+    member, points = scanned_from_one_side(family, sigma)
+    assert told_toes(points, member) == HIDDEN[family][:1]
+    for share in (0.02, 0.05, 0.2):
+        assert told_toes(cut(points, member, share), member) == ()
+    hardly = points[np.random.default_rng(0).random(len(points)) < 0.02]
+    assert told_toes(hardly, member) == ()
+
+
 @pytest.mark.parametrize("family", HIDDEN)
 @pytest.mark.parametrize("share", [0.05, 0.2])
 def test_faces_that_end_before_it_tell_nothing(family, share) -> None:

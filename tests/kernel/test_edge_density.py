@@ -40,3 +40,13 @@ def test_counts_stand_for_points_and_clutter_is_bounded():
     other = edge_levels(place, count.astype(float), -0.5, 0.5, 0.01, edges, 0.0, 0.5)
     assert np.allclose(one[0], other[0]) and np.allclose(one[1], other[1])
     assert (one[1][2] <= 0.5 * one[1][0] * (1 + 1e-9)).all()
+
+
+def test_where_clutter_is_bounded_the_bound_is_reached():
+    """Far within the member as much lies before the edge as behind: the share is at its bound, and each edge is told alone as among others."""
+    z = np.random.default_rng(1).uniform(-0.5, 0.5, 2000)
+    edges = np.linspace(-0.4, 0.4, 9)
+    level, rates = edge_levels(z, np.ones(len(z)), -0.5, 0.5, 0.01, edges, 0.0, 0.5)
+    assert rates[2] == pytest.approx(0.5 * rates[0], rel=1e-9)
+    alone = np.array([edge_levels(z, np.ones(len(z)), -0.5, 0.5, 0.01, edges[k : k + 1], 0.0, 0.5)[0][0] for k in range(9)])
+    assert level == pytest.approx(alone, abs=1e-8)

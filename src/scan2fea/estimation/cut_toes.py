@@ -15,6 +15,7 @@ from scipy.special import ndtr
 
 from scan2fea.estimation.straight import Face, ends_at, straight_faces
 from scan2fea.estimation.swept import sweep_of_member
+from scan2fea.kernel.counted_edge import counted_levels
 from scan2fea.kernel.sections import ROUND
 from scan2fea.types import FloatArray, Member
 
@@ -63,21 +64,24 @@ def _is_cut(local: FloatArray, beside: Face, face: Face, sigma: float) -> bool:
     hump = 0.5 * (face.high - face.low) / sigma  # of a toe as dense as the two faces beside it
     counts = counts * min(_MOST / counts.sum(), 1.0)
     tried = [(gauss, *toe) for toe in _TOES] + [(law, *toe) for law in (box, _ball) for toe in _OTHER_LAWS]
-    toes = [_level(counts, bounds, ends, law, blur, hump_blur, share * hump) for law, blur, hump_blur, share in tried]
-    return _level(counts, bounds, ends, gauss, _SHARP, 1.0, 0.0) > max(toes) + _SURER
+    steps = {key: step_of(bounds, ends, *key) for key in {(law, blur) for law, blur, _, _ in tried}}
+    humps = {key: hump_of(bounds, ends, *key) for key in {(law, blur) for law, _, blur, _ in tried}}
+    # greatest log likelihood of the counts over the place of the end and the share of strays
+    toes = [
+        counted_levels(steps[law, blur], humps[law, hump_blur], share * hump, counts, _ROUNDS).max() for law, blur, hump_blur, share in tried
+    ]
+    cut = counted_levels(steps[gauss, _SHARP], humps[gauss, 1.0], 0.0, counts, _ROUNDS).max()
+    return bool(cut > max(toes) + _SURER)
 
 
-def _level(counts: FloatArray, bounds: FloatArray, ends: FloatArray, law: Law, blur: float, hump_blur: float, hump: float) -> float:
-    """Greatest log likelihood of the counts (n,) of cells over the place of the end and the share of strays (EM). All lengths in sigma."""
-    middles = 0.5 * (bounds[1:] + bounds[:-1])
-    mass = law((ends[:, None] - middles) / blur) * _CELL + hump * np.diff(law((bounds - ends[:, None]) / hump_blur), axis=1)
-    mass = np.maximum(mass, 1e-12)
-    mass /= mass.sum(axis=1)[:, None]
-    stray, n = 1.0 / len(counts), float(counts.sum())
-    share = np.full((len(ends), 1), 0.05)
-    for _ in range(_ROUNDS):
-        share = ((share * stray / (share * stray + (1 - share) * mass)) @ counts / n)[:, None]
-    return float((np.log(share * stray + (1 - share) * mass) @ counts).max())
+def step_of(bounds: FloatArray, ends: FloatArray, law: Law, blur: float) -> FloatArray:
+    """(p, n) points expected in each cell of a step at each of the places (p,), of one point a sigma. bounds : (n + 1,) of the cells."""
+    return np.asarray(law((ends[:, None] - 0.5 * (bounds[1:] + bounds[:-1])) / blur) * np.diff(bounds))
+
+
+def hump_of(bounds: FloatArray, ends: FloatArray, law: Law, blur: float) -> FloatArray:
+    """(p, n) the same of a toe of one point."""
+    return np.asarray(np.diff(law((bounds - ends[:, None]) / blur), axis=1))
 
 
 def gauss(x: FloatArray) -> FloatArray:

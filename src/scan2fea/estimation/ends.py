@@ -24,6 +24,7 @@ from scipy.special import ndtr
 from scan2fea.estimation.cap_law import Across, cap_ratios, share_like_caps, together, told_across
 from scan2fea.estimation.edge_fit import FEW, EdgeFit, edge_fits, posterior, unknown
 from scan2fea.estimation.uneven import unevenness
+from scan2fea.kernel.two_densities import densest_stretch
 from scan2fea.types import BoolArray, FloatArray, Value
 
 _WINDOW = 12.0  # noise widths on either side of an edge that its likelihood looks at: the rates need far more points than the edge itself
@@ -107,21 +108,13 @@ def rough_ends(z: FloatArray) -> tuple[float, float]:
         return low, high
     counts = np.histogram(z, n_bins, (low, high))[0].astype(float)
     counts = np.minimum(counts, 2 * float(np.median(counts[counts > 0])))  # a scanned cap is a spike, and no member
-    total = np.r_[0.0, np.cumsum(counts)]
-    inside = total[None, :] - total[:, None]
-    width = np.arange(n_bins + 1)[None, :] - np.arange(n_bins + 1)[:, None].astype(float)
-    outside, rest = total[-1] - inside, n_bins - width
-    with np.errstate(divide="ignore", invalid="ignore"):
-        gain = np.where(inside > 0, inside * np.log(inside / width), 0.0) + np.where(outside > 0, outside * np.log(outside / rest), 0.0)
-        denser = inside * rest >= outside * width
-    gain[(width < 2) | ~denser] = -np.inf
-    i, j = np.unravel_index(int(np.argmax(gain)), gain.shape)
+    i, j = densest_stretch(counts)
     floor = 0.25 * float(np.median(counts[i:j]))
     while i > 0 and counts[max(i - 2, 0) : i].mean() >= floor > 0:
         i -= 1
     while j < n_bins and counts[j : j + 2].mean() >= floor > 0:
         j += 1
-    first, last = _over_gaps(counts, int(i), int(j), floor)
+    first, last = _over_gaps(counts, i, j, floor)
     step = (high - low) / n_bins
     return low + first * step, low + last * step
 

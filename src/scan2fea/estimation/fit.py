@@ -22,7 +22,18 @@ from scan2fea.estimation.ends import rough_ends
 from scan2fea.estimation.face_weights import seen_weights
 from scan2fea.estimation.initial import Start, size_of
 from scan2fea.estimation.laws import PLAUSIBLE, law_spread, with_law_spread
-from scan2fea.estimation.likelihood import Layout, SectionModel, StatedNoise, bounds, hull_of, model_of, prior, sigma_floor, stray_area
+from scan2fea.estimation.likelihood import (
+    Layout,
+    SectionModel,
+    StatedNoise,
+    among_more,
+    bounds,
+    hull_of,
+    model_of,
+    prior,
+    sigma_floor,
+    stray_area,
+)
 from scan2fea.estimation.observability import observable
 from scan2fea.estimation.polish import Polished, polished
 from scan2fea.estimation.scoring import Scored
@@ -30,6 +41,7 @@ from scan2fea.estimation.uncertainty import uncertainty
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.noise_kernels import KERNELS
 from scan2fea.kernel.section_likelihood import faces, radius_factors
+from scan2fea.kernel.section_sums import SLOPE
 from scan2fea.kernel.sections import PARAMETERS, ROUND
 from scan2fea.options import option
 from scan2fea.types import FloatArray, Value
@@ -281,7 +293,7 @@ def _final(task: _Task, layout: Layout, theta: FloatArray) -> tuple[Layout, Scor
     held = {name: value for name, value in task.fixed.items() if name in layout.place}
     some, few = task.model(layout, task.options.subsample), task.model(layout, _FEW_POINTS)
     near = climbed(few, theta, task.size_m, fixed=held, tolerance=_NEAR) if len(few.xy) < len(some.xy) else None
-    done = climbed(some, theta if near is None else near.theta, task.size_m, fixed=held)
+    done = climbed(some, theta if near is None else among_more(layout, near.theta, len(few.xy), len(some.xy)), task.size_m, fixed=held)
     thinnest = min((layout.get(done.theta, wall) for wall in walls(layout.family)), default=float(layout.values(done.theta).min()))
     if layout.sigma(done.theta) < _POLISH_BELOW * thinnest:
         smooth = polished(few, done.theta, task.size_m, held)
@@ -290,10 +302,12 @@ def _final(task: _Task, layout: Layout, theta: FloatArray) -> tuple[Layout, Scor
                 return _exact(task, layout, done, smooth, held)
             done = max((done, climbed(some, smooth.theta, task.size_m, fixed=held, max_iterations=8)), key=lambda s: s.log_posterior)
     if len(task.points) > len(some.xy):
-        told = task.with_strays(layout.outlier_share(done.theta), len(some.xy))
+        told, n = task.with_strays(layout.outlier_share(done.theta), len(some.xy)), len(some.xy)
         for most in (_BETWEEN * len(some.xy), len(task.points)):  # each leads nearer to the next, in as few looks at all points as can be
             if most <= len(task.points):
-                done = climbed(told.model(layout, most), done.theta, task.size_m, fixed=held, max_iterations=_LAST_STEPS, tolerance=1e-2)
+                start = among_more(layout, done.theta, n, most)
+                done = climbed(told.model(layout, most), start, task.size_m, fixed=held, max_iterations=_LAST_STEPS, tolerance=1e-2)
+                n = most
         done = replace(done, converged=True)
     return layout, done, None
 
@@ -317,7 +331,8 @@ def _result(
     model = task.model(layout, _SANDWICH_POINTS)
     misfit = np.ones(len(done.theta))
     if covariance is None:
-        trust = uncertainty(model.sums, done.theta, free, prior(layout, task.options.stated), weight=len(task.points) / len(model.xy))
+        believed, each = prior(layout, task.options.stated), len(task.points) / len(model.xy)
+        trust = uncertainty(model.sums, done.theta, free, believed, slope=lambda theta: model.sums(theta, SLOPE)[1], weight=each)
         covariance, misfit = with_law_spread(layout, trust.covariance, noises), trust.misfit
     values, names, sigma = layout.values(done.theta), PARAMETERS[layout.family], layout.sigma(done.theta)
     std = np.sqrt(np.diag(covariance)[: len(values)])

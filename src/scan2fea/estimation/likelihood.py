@@ -31,6 +31,7 @@ MAX_OUTLIERS = 0.3  # shape-estimation.md, method 3: more than this is another o
 _SIGMA_FLOOR = 5e-4  # of the section's diameter: 0.06 mm for a 127 mm leg
 _STATED_FLOOR = 1e-3  # no noise is known better than to a part in a thousand
 _WIDEST_HULL = 4.0  # times its area: beyond, strays are so thin that none is taken for one (walls move by 0.01 mm from 2 to 4)
+_LEAST_LOGIT, _HALVINGS = -16.0, 40
 _LOGIT_PRIOR = (-5.0, 1.5)  # same place: mean and sd of log(eps / (1 - eps))
 
 
@@ -243,6 +244,28 @@ def prior(layout: Layout, stated: StatedNoise | None = None) -> tuple[FloatArray
     return mean, sd
 
 
+def among_more(layout: Layout, theta: FloatArray, n: int, n_more: int) -> FloatArray:
+    """theta, likeliest on n points, with the share of strays that is likeliest on n_more of the same.
+
+    At the optimum the strays found and the pull of the prior add up to n eps. Where there are hardly any, it is the prior that holds the share up,
+    and scoring would lead it down by no more than a factor e an iteration.
+    """
+    at = layout.place["logit_outliers"]
+    found = max(_strays_found(float(theta[at]), n), 0.0) * n_more / n
+    low, high = _LEAST_LOGIT, math.log(MAX_OUTLIERS / (1 - MAX_OUTLIERS))
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if _strays_found(middle, n_more) > found else (middle, high)
+    more = theta.copy()
+    more[at] = 0.5 * (low + high)
+    return more
+
+
+def _strays_found(logit: float, n: int) -> float:
+    """How many of n points are strays where that share is the likeliest under its prior."""
+    return n / (1 + math.exp(-logit)) + (logit - _LOGIT_PRIOR[0]) / _LOGIT_PRIOR[1] ** 2
+
+
 def bounds(layout: Layout, size_m: float, fixed: Mapping[str, float] | None = None) -> tuple[FloatArray, FloatArray]:
     """Closed range of every unknown for a section of about `size_m`: nothing larger than 4 of it or thinner than 1e-5, outliers at most 0.3.
 
@@ -252,7 +275,7 @@ def bounds(layout: Layout, size_m: float, fixed: Mapping[str, float] | None = No
     lower[: layout.n_values], upper[: layout.n_values] = 1e-5 * size_m, 4 * size_m
     place = layout.place
     lower[place["log_sigma"]], upper[place["log_sigma"]] = math.log(sigma_floor(size_m)), math.log(size_m)
-    lower[place["logit_outliers"]], upper[place["logit_outliers"]] = -16.0, math.log(MAX_OUTLIERS / (1 - MAX_OUTLIERS))
+    lower[place["logit_outliers"]], upper[place["logit_outliers"]] = _LEAST_LOGIT, math.log(MAX_OUTLIERS / (1 - MAX_OUTLIERS))
     for name in layout.free_faces:
         lower[place[f"weight_{name}"]], upper[place[f"weight_{name}"]] = math.log(1e-3), math.log(1e3)
     for name, value in (fixed or {}).items():

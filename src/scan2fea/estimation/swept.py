@@ -10,6 +10,7 @@ from numpy.polynomial import legendre
 
 from scan2fea.estimation.axis import Axis
 from scan2fea.estimation.fit import SectionFit
+from scan2fea.kernel.straightened import straightened
 from scan2fea.kernel.stretch import Stretch, stretch_of
 from scan2fea.types import FloatArray, Member, Value
 
@@ -33,16 +34,11 @@ class Sweep(Value):
 
     def coordinates(self, points: FloatArray) -> FloatArray:
         """(n, 3) world points as (x, y) in the frame of the section (the least one where it grows) and z along the frame."""
-        local = (points - self.T_world_frame[:3, 3]) @ self.T_world_frame[:3, :3]
-        zeta = (2 * local[:, 2] - self.span[0] - self.span[1]) / (self.span[1] - self.span[0])
-        away = local[:, :2] - legendre.legval(zeta, self.axis.T).T if self.axis.any() else local[:, :2]
-        if self.roll.any():
-            turn = legendre.legval(zeta, self.roll)
-            c, s = np.cos(turn), np.sin(turn)
-            away = np.stack([c * away[:, 0] + s * away[:, 1], c * away[:, 1] - s * away[:, 0]], 1)
+        axis, roll = np.array(self.axis), np.array(self.roll)  # that may be written to: else the kernel is compiled once more
+        local = straightened(np.ascontiguousarray(points, float), np.array(self.T_world_frame), *self.span, axis, roll)
         if self.stretch is not None:
-            away = self.stretch.undone(away, np.interp(local[:, 2], self.knots_m, self.growth_m))
-        return np.asarray(np.c_[away, local[:, 2]], np.float64)
+            local[:, :2] = self.stretch.undone(local[:, :2], np.interp(local[:, 2], self.knots_m, self.growth_m))
+        return local
 
     def rebased(self, low: float, high: float) -> Sweep:
         """The same sweep over z = low .. high, in the frame whose z is its straight part, x the section's and origin on the axis at low."""

@@ -13,8 +13,9 @@ import math
 
 import numpy as np
 
-from scan2fea.estimation.cut_toes import Law, box, gauss
+from scan2fea.estimation.cut_toes import Law, box, gauss, hump_of, step_of
 from scan2fea.estimation.straight import Face, ends_at, straight_faces
+from scan2fea.kernel.counted_edge import counted_levels
 from scan2fea.kernel.pinned import SEEN
 from scan2fea.kernel.section_likelihood import faces, lines_of
 from scan2fea.kernel.sections import PARAMETERS
@@ -85,7 +86,9 @@ def _doubt(counts: FloatArray, bounds: FloatArray, hump: float, law: Law) -> tup
 
     counts : (n,) of cells.   bounds : (n + 1,) of cells.   hump : points of a toe as dense as its neighbours over those of a sigma of both.
     """
-    level = np.array([[[_levels(counts, bounds, law, blur, own, share * hump) for share in _SHARES] for own in _HUMPS] for blur in _BLURS])
+    steps, humps = [step_of(bounds, _PLACES, law, blur) for blur in _BLURS], [hump_of(bounds, _PLACES, law, own) for own in _HUMPS]
+    heights = [share * hump for share in _SHARES]
+    level = np.array([[[counted_levels(step, bump, height, counts, _ROUNDS) for height in heights] for bump in humps] for step in steps])
     alike = level[0, 0] - level[0, 0].max()
     odds = np.log(_ODDS)[:, None, None, None] + np.log(_HUMP_ODDS)[:, None, None]
     before, after = _place(np.exp(alike).sum(axis=0)), _place(np.exp(level + odds - level.max()).sum(axis=(0, 1, 2)))
@@ -97,16 +100,3 @@ def _place(weight: FloatArray) -> tuple[float, float]:
     share = weight / weight.sum()
     mean = float(share @ _PLACES)
     return mean, float(share @ (_PLACES - mean) ** 2)
-
-
-def _levels(counts: FloatArray, bounds: FloatArray, law: Law, blur: float, own: float, hump: float) -> FloatArray:
-    """(p,) log likelihood of the counts for every place of the end, at the likeliest share of strays (EM)."""
-    middles = 0.5 * (bounds[1:] + bounds[:-1])
-    mass = law((_PLACES[:, None] - middles) / blur) * _CELL + hump * np.diff(law((bounds - _PLACES[:, None]) / own), axis=1)
-    mass = np.maximum(mass, 1e-12)
-    mass /= mass.sum(axis=1)[:, None]
-    stray, n = 1.0 / len(counts), float(counts.sum())
-    share = np.full((len(_PLACES), 1), 0.05)
-    for _ in range(_ROUNDS):
-        share = ((share * stray / (share * stray + (1 - share) * mass)) @ counts / n)[:, None]
-    return np.asarray(np.log(share * stray + (1 - share) * mass) @ counts)

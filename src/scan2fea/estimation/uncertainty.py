@@ -6,12 +6,15 @@ Cramer-Rao bound). If it does not, the covariance of the estimate is H^-1 J H^-1
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from scan2fea.estimation.scoring import Prior, Sums
 from scan2fea.types import BoolArray, FloatArray, Value
+
+Slope = Callable[[FloatArray], FloatArray]  # theta -> slope of the log likelihood (p,)
 
 _BLIND = 1e-9  # eigenvalue, in units of the diagonal, below which a direction is not told by the data
 _SHARE = 1e-4  # part of a blind direction an unknown may have and still count as told
@@ -49,11 +52,19 @@ def covariance_of(information: FloatArray, free: BoolArray) -> tuple[FloatArray,
 
 
 def uncertainty(
-    sums: Sums, theta: FloatArray, free: BoolArray, prior: Prior | None = None, *, weight: float = 1.0, sandwich: bool = True
+    sums: Sums,
+    theta: FloatArray,
+    free: BoolArray,
+    prior: Prior | None = None,
+    *,
+    slope: Slope | None = None,
+    weight: float = 1.0,
+    sandwich: bool = True,
 ) -> Uncertainty:
     """Covariance of the maximum-likelihood estimate theta.
 
-    sums : as for `scoring.maximise`.   weight : real points per point of `sums`, where it looks at a subsample.
+    sums : as for `scoring.maximise`.   slope : their slope alone, where that costs less.   weight : real points per point of `sums`, where it looks
+    at a subsample.
     """
     precision = np.zeros(len(theta)) if prior is None else 1 / np.square(prior[1])
     outer = sums(theta)[2] * weight
@@ -61,7 +72,7 @@ def uncertainty(
     misfit = np.ones(len(theta))
     rows = np.flatnonzero(told)
     if sandwich and len(rows):
-        curvature = _curvature(sums, theta, np.sqrt(np.diag(covariance)), rows) * weight + np.diag(precision[rows])
+        curvature = _curvature(slope or (lambda at: sums(at)[1]), theta, np.sqrt(np.diag(covariance)), rows) * weight + np.diag(precision[rows])
         inner = _sandwiched(curvature, (outer + np.diag(precision))[np.ix_(rows, rows)])
         if inner is not None:
             sd = np.sqrt(np.diag(covariance)[rows])
@@ -74,14 +85,14 @@ def uncertainty(
     return Uncertainty(covariance=covariance, told=told, rank=rank, misfit=misfit)
 
 
-def _curvature(sums: Sums, theta: FloatArray, sd: FloatArray, rows: np.ndarray) -> FloatArray:
+def _curvature(slope: Slope, theta: FloatArray, sd: FloatArray, rows: np.ndarray) -> FloatArray:
     """(k, k) minus the second derivatives of the log likelihood by the given unknowns: central differences of the exact score."""
     columns = []
     for row in rows:
         step = np.zeros(len(theta))
         step[row] = _STEP_SD * sd[row]
         with np.errstate(all="ignore"):  # an unknown that the data hardly tell is moved so far that its likelihood overflows
-            ahead, behind = sums(theta + step)[1], sums(theta - step)[1]
+            ahead, behind = slope(theta + step), slope(theta - step)
             columns.append(-(ahead - behind)[rows] / (2 * step[row]))
     matrix = np.stack(columns)
     return np.asarray((matrix + matrix.T) / 2)

@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from scan2fea.kernel.jit import jit_ieee
+from scan2fea.kernel.noise_kernels import bell_and_tail
 from scan2fea.types import FloatArray
 
 _ROOT_HALF = math.sqrt(0.5)
@@ -17,6 +18,8 @@ _INV_ROOT_2PI = 1 / math.sqrt(2 * math.pi)
 _TINY = 1e-300
 _ROUNDS = 12  # of Newton's steps, at most
 _STILL = 1e-12  # change of the share of clutter that ends them
+_LEAST_START = 1e-3
+_WHOLE = 9.0  # sd beyond an edge: nothing of the normal law is left beyond it, in doubles
 
 
 @jit_ieee
@@ -29,23 +32,24 @@ def edge_levels(
     points over rho.   most_clutter : b over rho at most.
 
     The expected number of points is their number at the maximum, so that one unknown is left: the share q of clutter. The likelihood is concave in
-    it; Newton's steps are kept inside a bracket.
+    it; Newton's steps are kept inside a bracket, and begin from the share at the edge before.
     """
     g, m, span = len(edges), len(at), high - low
     n = weight.sum()
     level, rates = np.empty(g), np.empty((3, g))
-    member = np.empty(m)
+    member, tilt, back = np.empty(m), np.empty(m), np.empty(m)
+    even, q = 1 / span, 0.02
     for i in range(g):
         mass = max(s * _grown((low - edges[i]) / s, (high - edges[i]) / s), 1e-9 * s) + ratio
         for k in range(m):
             v = (at[k] - edges[i]) / s
-            bell = math.exp(-0.5 * v * v) * _INV_ROOT_2PI / s if abs(v) < 38.0 else 0.0
-            member[k] = (_below(v) + ratio * bell) / mass
+            member[k] = (1.0 if v > _WHOLE else _step(v, ratio / s)) / mass
+            tilt[k] = even - member[k]
         most = most_clutter * span / mass
-        q = _likeliest_share(member, weight, 1 / span, most / (1 + most))
+        q = _likeliest_share(member, tilt, back, weight, most / (1 + most), q)
         total = 0.0
         for k in range(m):
-            total += weight[k] * math.log(max(member[k] + q * (1 / span - member[k]), _TINY))
+            total += weight[k] * math.log(max(member[k] + q * tilt[k], _TINY))
         level[i] = total + n * math.log(n) - n
         rho = n * (1 - q) / mass
         rates[0, i], rates[1, i], rates[2, i] = rho, ratio * rho, n * q / span
@@ -53,28 +57,38 @@ def edge_levels(
 
 
 @jit_ieee
-def _likeliest_share(member: FloatArray, weight: FloatArray, even: float, most: float) -> float:
-    """The share q of even clutter in 0 .. most that makes the points likeliest, member : (m,) density of what is no clutter."""
+def _likeliest_share(member: FloatArray, tilt: FloatArray, back: FloatArray, weight: FloatArray, most: float, start: float) -> float:
+    """The share q of even clutter in 0 .. most that makes the points likeliest, from `start`.
+
+    member : (m,) density of what is no clutter.   tilt : (m,) that of even clutter less it.   back : (m,) written over.
+    """
     low, high = 0.0, most
-    q = min(0.02, 0.5 * high)
+    q = min(max(start, _LEAST_START), 0.5 * high)
     for _ in range(_ROUNDS):
+        for k in range(len(member)):  # apart from the sums, which wait for one another: so the divisions need not
+            back[k] = tilt[k] / max(member[k] + q * tilt[k], _TINY)
         slope, bend = 0.0, 0.0
         for k in range(len(member)):
-            tilt = even - member[k]
-            back = tilt / max(member[k] + q * tilt, _TINY)
-            slope += weight[k] * back
-            bend += weight[k] * back * back
+            slope += weight[k] * back[k]
+            bend += weight[k] * back[k] * back[k]
         step = slope / max(bend, _TINY)
-        if abs(step) < _STILL:  # before the bracket is asked, in which rounding would leave no room
-            break
+        if abs(step) < _STILL or (slope > 0 and q >= most) or (slope <= 0 and q < _STILL):
+            break  # before the bracket is asked, in which rounding would leave no room
         if slope > 0:
             low = q
         else:
             high = q
         q += step
         if not low < q < high:
-            q = 0.5 * (low + high) if slope > 0 else 0.1 * high
+            q = 0.01 * high if slope <= 0 else most if high >= most else 0.5 * (low + high)
     return q
+
+
+@jit_ieee
+def _step(v: float, ratio: float) -> float:
+    """Phi(v) + ratio phi(v)."""
+    bell, tail = bell_and_tail(-v)
+    return tail + ratio * bell
 
 
 @jit_ieee

@@ -84,8 +84,9 @@ def _voronoi_cell(
                     if away == 0.0 and j < i:
                         return 0
                     if 0.0 < away < 4 * far:
-                        corners = _cut(x, y, by, corners, dx, dy, 0.5 * away, _ROUNDING * math.sqrt(far * away), j, u, v, of)
-                        far = _farthest(x, y, corners)
+                        left = _cut(x, y, by, corners, dx, dy, 0.5 * away, _ROUNDING * math.sqrt(far * away), j, u, v, of)
+                        if left > 0:
+                            corners, far = left, _farthest(x, y, left)
         ring += 1
     return corners
 
@@ -114,15 +115,15 @@ def _cut(
     v: FloatArray,
     of: IntArray,
 ) -> int:
-    """Cuts a cell, in place, down to where x dx + y dy <= most; corners left. Nothing is cut where none lies more than `slack` beyond.
+    """Cuts a cell, in place, down to where x dx + y dy <= most; corners left, 0 where nothing is cut: none lies more than `slack` beyond.
 
     by : whose bisector follows each corner.   u, v, of : room for the new ones.
     """
-    is_cut = False
+    farthest = -math.inf
     for k in range(n):
-        is_cut = is_cut or x[k] * dx + y[k] * dy > most + slack
-    if not is_cut or n + 1 >= _MOST_CORNERS:
-        return n
+        farthest = max(farthest, x[k] * dx + y[k] * dy)
+    if farthest <= most + slack or n + 1 >= _MOST_CORNERS:
+        return 0
     m = 0
     for k in range(n):
         after = k + 1 if k + 1 < n else 0
@@ -135,5 +136,6 @@ def _cut(
             u[m], v[m] = x[k] + share * (x[after] - x[k]), y[k] + share * (y[after] - y[k])
             of[m] = j if one <= slack else by[k]
             m += 1
-    x[:m], y[:m], by[:m] = u[:m], v[:m], of[:m]
+    for k in range(m):
+        x[k], y[k], by[k] = u[k], v[k], of[k]
     return m

@@ -91,3 +91,13 @@ def test_messages():
         frame_model(NODES, np.zeros((0, 2), np.int64), np.zeros(0, np.int64), UP, [BAR], np.zeros(3, np.int64), FeaOptions())
     with pytest.raises(SolveError, match="no length"):
         frame_model(NODES, np.array([[0, 0]]), np.zeros(1, np.int64), UP, [BAR], np.zeros(3, np.int64), FeaOptions())
+
+
+def test_elements_are_short_beside_joints():
+    nodes, up = np.array([[0.0, 0, 0], [3.0, 0, 0]]), np.array([[0.0, 0.0, 1.0]])
+    model = frame_model(nodes, np.array([[0, 1]]), np.array([0]), up, [("CHS", {"d": 0.1, "t": 0.005})], np.array([0]), FeaOptions())
+    ends = model.beams.nodes[model.beams.elements]
+    length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+    assert length.sum() == pytest.approx(3.0)
+    np.testing.assert_allclose(length, length[::-1])
+    assert length[0] < 0.05 * 3.0 and length.max() < 0.2 * 3.0

@@ -21,7 +21,7 @@ from scan2fea.types import FloatArray, IntArray, Value
 from scan2fea.units import UNIT_SYSTEMS, UnitSystem
 
 PARTS = 8  # beam elements of each stretch between joints
-# short at both ends: CalculiX's beams (2.20) hold a thirtieth of the element beside a support or a joint stiff (a cantilever of six even ones is
+# short at both ends: CalculiX's beams (2.20) hold a thirtieth of an element beside a support or joint stiff (a cantilever of six even ones is
 # 2.6 to 5.6 % stiffer than beam theory, one of these 0.8 to 2.5; what is left is shear, which its solids resist as if it were even, and the held root)
 PLACES = (1 - np.cos(np.pi * np.arange(1, PARTS) / PARTS)) / 2
 N_MODES = 6

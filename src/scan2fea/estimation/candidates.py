@@ -20,7 +20,7 @@ from scan2fea.estimation.visible import likeliest_set, visible_sets
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.section_likelihood import faces
 from scan2fea.kernel.sections import PARAMETERS, ROUND, corner_factors
-from scan2fea.types import FloatArray, Value
+from scan2fea.types import FloatArray, IntArray, Value
 
 _FIRST_POINTS, _POINTS = 600, 3000
 _MARGIN = 40.0  # BIC units on 600 points: families further behind never came back
@@ -80,6 +80,7 @@ class Scene(Value):
 
 def scene_of(
     points: FloatArray,
+    rows: IntArray,
     z_range: tuple[float, float],
     area_m2: float,
     size_m: float,
@@ -87,11 +88,11 @@ def scene_of(
     seed: int,
     stated: StatedNoise | None = None,
 ) -> Scene:
-    """A draw of the points, dithered by a noise just above the likelihood's floor.
+    """A draw of these rows of the points, dithered by a noise just above the likelihood's floor.
 
     Exact points have no scores across their faces, so the sum of the scores' products would not tell how sharp the optimum is.
     """
-    chosen = points[sampled_rows(len(points), _POINTS, seed)]
+    chosen = points[rows[sampled_rows(len(rows), _POINTS, seed)]]
     chosen = chosen + np.random.default_rng(seed).normal(0, _DITHER * sigma_floor(size_m), chosen.shape) * [1, 1, 0]
     first = chosen[sampled_rows(len(chosen), _FIRST_POINTS, seed + 1)]
     return Scene(first=first, points=chosen, z_range=z_range, area_m2=area_m2, size_m=size_m, fixed=fixed, stated=stated)

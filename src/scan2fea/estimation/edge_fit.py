@@ -17,6 +17,7 @@ _DROP = 14.0  # what lies this many log units under the best is not integrated o
 _HOPELESS = 100.0  # a cap so far behind is not followed: what lies across the axis and the other end do not bring it back
 _GRID = 41
 _ZOOMS = 12
+_FINE = 0.7  # of the noise: a grid of this step misses no edge that noise has blurred
 FEW = 8  # points tell no edge
 _CLUTTER = 0.5  # clutter along the axis is at most this dense against the member: else a chance gap inside it would pass for its end
 _BINS_PER_SIGMA = 8  # binning by s / 8 widens the noise by 1 / 768 of its variance
@@ -94,8 +95,8 @@ def _spread(at: FloatArray, weight: FloatArray, window: tuple[float, float], s: 
 
     A hypothesis that starts below `floor` is not followed: its log-likelihood is -inf.
     """
-    is_binned = weight.max() > 1  # then the likelihood is smooth over a noise width; else a jump may lie at any point
-    candidates = np.unique(np.r_[np.linspace(*window, _GRID), at[:: max(1, len(at) // 200)] if not is_binned else at[:0]])
+    is_smooth = weight.max() > 1 or window[1] - window[0] < _FINE * _GRID * s  # over a noise width; else a jump may lie at any point
+    candidates = np.unique(np.r_[np.linspace(*window, _GRID), at[:: max(1, len(at) // 200)] if not is_smooth else at[:0]])
     for zoom in range(_ZOOMS):
         level, rates = _profile(at, weight, window, s, candidates, ratio)
         best = int(np.argmax(level))

@@ -44,7 +44,7 @@ from scan2fea.kernel.section_likelihood import faces, radius_factors
 from scan2fea.kernel.section_sums import SLOPE
 from scan2fea.kernel.sections import PARAMETERS, ROUND
 from scan2fea.options import option
-from scan2fea.types import FloatArray, Value
+from scan2fea.types import FloatArray, IntArray, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 MIN_POINTS = 50
@@ -182,24 +182,25 @@ def fit_section(
     area, size = hull[0], size_of(points[:, :2])
     low, high = rough_ends(points[:, 2])
     z_used = z_range or (low, high)
-    inside = _between(points, z_used)
+    rows = _between(points, z_used)
     where = f"z {z_used[0]:.6g} .. {z_used[1]:.6g} m"
-    require(len(inside) >= MIN_POINTS, InputError, f"only {len(inside)} points lie in {where}; a section needs {MIN_POINTS}")
-    scene = scene_of(inside, z_used, area, size, fixed, options.seed, options.stated)
+    require(len(rows) >= MIN_POINTS, InputError, f"only {len(rows)} points lie in {where}; a section needs {MIN_POINTS}")
+    scene = scene_of(points, rows, z_used, area, size, fixed, options.seed, options.stated)
     found = search(scene, options.families, may_hide=options.hidden_faces, seed=options.seed, begun=begun)
     if z_range is None:
         z_used = _trimmed(low, high, found[0].layout.sigma(found[0].theta))
-        inside = _between(points, z_used)
-        scene = scene_of(inside, z_used, area, size, fixed, options.seed, options.stated)
+        rows = _between(points, z_used)
+        scene = scene_of(points, rows, z_used, area, size, fixed, options.seed, options.stated)
         found = near_again(scene, found)
     found = _with_ends(points, found, (low, high), z_used)
     found, noises = with_likeliest_noise(scene, found, tuple(KERNELS) if options.noise == "auto" else (options.noise,))
     best = found[0]
-    require(math.isfinite(best.bic), EstimationError, f"no section of {', '.join(options.families)} fits the {len(inside)} points")
+    require(math.isfinite(best.bic), EstimationError, f"no section of {', '.join(options.families)} fits the {len(rows)} points")
     other = _denied_law(scene, best, options)
     if other:
         free = fit_section(points, replace(options, noise="auto", sigma_m=None), fixed=fixed, z_range=z_range, begun=begun)
         return replace(free, why={**free.why, "sigma": other})
+    inside = points[rows]
     layout, theta, turned = canonical(best.layout, best.theta, fixed)
     if turned and layout.family == "L":
         inside, z_used = inside * np.array([1.0, -1.0, -1.0]), (-z_used[1], -z_used[0])
@@ -265,8 +266,8 @@ def _checked(points: FloatArray, options: FitOptions, fixed: Mapping[str, float]
     return points
 
 
-def _between(points: FloatArray, z_range: tuple[float, float]) -> FloatArray:
-    return points[(points[:, 2] >= z_range[0]) & (points[:, 2] <= z_range[1])]
+def _between(points: FloatArray, z_range: tuple[float, float]) -> IntArray:
+    return np.flatnonzero((points[:, 2] >= z_range[0]) & (points[:, 2] <= z_range[1]))
 
 
 def _trimmed(low: float, high: float, sigma: float) -> tuple[float, float]:

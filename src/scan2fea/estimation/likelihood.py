@@ -20,6 +20,7 @@ from scipy.spatial import ConvexHull, QhullError
 from scan2fea.errors import InputError, UsageError, require
 from scan2fea.estimation.arc import Arc
 from scan2fea.estimation.scoring import Summed
+from scan2fea.kernel.hull_rim import hull_rim
 from scan2fea.kernel.noise_kernels import kernel_parts
 from scan2fea.kernel.round_sums import round_levels, round_sums
 from scan2fea.kernel.section_likelihood import edges_of, faces, is_section, log_density, radius_factors
@@ -306,7 +307,7 @@ def hull_area(xy: FloatArray) -> float:
 def hull_of(xy: FloatArray) -> tuple[float, int]:
     """Area of the convex hull of (n, 2) points, m2, and how many of them are its corners. Raises InputError where they lie on one line."""
     try:
-        hull = ConvexHull(xy)
+        hull = ConvexHull(hull_rim(np.ascontiguousarray(xy)))
     except (QhullError, ValueError) as error:
         raise InputError(f"the {len(xy)} points of the member lie on one line across its axis; a section needs two directions") from error
     return float(hull.volume), len(hull.vertices)

@@ -22,7 +22,7 @@ from scan2fea.units import UNIT_SYSTEMS, UnitSystem
 
 PARTS = 8  # beam elements of each stretch between joints
 # short at both ends: CalculiX's beams (2.20) hold a thirtieth of an element beside a support or joint stiff (a cantilever of six even ones is
-# 2.6 to 5.6 % stiffer than beam theory, one of these 0.8 to 2.5; what is left is shear, which its solids resist as if it were even, and the held root)
+# 2.6 to 5.6 % stiffer than beam theory, one of these 0.8 to 2.5; the rest is shear, which its solids take as even, and the held root)
 PLACES = (1 - np.cos(np.pi * np.arange(1, PARTS) / PARTS)) / 2
 N_MODES = 6
 MAX_UNKNOWNS = 6_000  # of a dense solution: some 800 beam elements

@@ -111,16 +111,16 @@ def _of_wall(wall: _Wall, z: FloatArray, length: float, sigma_m: float, faces_te
     inside &= (wall.along > wall.low + rim) & (wall.along < wall.high - rim)
     inside &= (z > _NEAR_SIGMAS * sigma_m) & (z < length - _NEAR_SIGMAS * sigma_m)
     face, deep = _unrolled(at[on & ~inside], wall, over), _unrolled(at[inside], wall, over)
-    if len(face) < _LEAST:
+    if len(face) < _LEAST or not (np.ptp(face, axis=0) > 0).all():
         return []
-    middle, radius = empty_circles(face)
+    near = PlanarGrid.of(face)
+    middle, radius = empty_circles(face, near)
     if not len(radius):
         return []
     clear = np.min([middle[:, 0] - wall.low, wall.high + over - middle[:, 0], middle[:, 1], length - middle[:, 1]], axis=0)
     whole = clear > radius
     if wall.turn:
         whole &= (middle[:, 0] >= over / 2) & (middle[:, 0] < over / 2 + wall.turn)
-    near = PlanarGrid.of(face)
     rows = np.flatnonzero(whole & (radius >= np.median(radius)))
     if not len(rows):
         return []

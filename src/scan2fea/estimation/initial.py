@@ -108,27 +108,28 @@ def _rolls() -> FloatArray:
     return np.asarray(np.arange(_N_ROLLS) * (math.pi / 2 / _N_ROLLS), np.float64)
 
 
-def _guesses(boxes: FloatArray, family: str) -> list[FloatArray]:
+def _guesses(boxes: FloatArray, family: str) -> list[tuple[float, ...]]:
     logit = math.log(_FIRST_OUTLIERS / (1 - _FIRST_OUTLIERS))
     found = []
     for roll, by_trim in zip(_rolls(), boxes, strict=True):
         for quarter in range(_QUARTERS[family]):
             turn = roll + quarter * math.pi / 2
             c, s = math.cos(turn), math.sin(turn)
-            for low, high in by_trim:
+            for low, high in by_trim.tolist():
                 for _ in range(quarter):  # a quarter turn on, x is what y was, and y is -x
-                    low, high = np.array([low[1], -high[0]]), np.array([high[1], -low[0]])
+                    low, high = (low[1], -high[0]), (high[1], -low[0])
                 for wall in _WALLS if family != "rect" else _WALLS[:1]:
                     values, origin = _placed(family, low, high, wall)
                     centre = (c * origin[0] - s * origin[1], s * origin[0] + c * origin[1])
                     for sigma in _SIGMAS:
-                        found.append(np.array([*values, turn, *centre, math.log(sigma * float((high - low).max())), logit]))
+                        extent = max(high[0] - low[0], high[1] - low[1])
+                        found.append((*values, turn, *centre, math.log(sigma * extent), logit))
     return found
 
 
-def _placed(family: str, low: FloatArray, high: FloatArray, wall: float) -> tuple[tuple[float, ...], tuple[float, float]]:
+def _placed(family: str, low: Sequence[float], high: Sequence[float], wall: float) -> tuple[tuple[float, ...], tuple[float, float]]:
     """Dimensions and origin of the section of a family that fills a box; its walls are a share of the smaller side."""
-    (wide, tall), (mid_x, mid_y) = high - low, (low + high) / 2
+    wide, tall, mid_x, mid_y = high[0] - low[0], high[1] - low[1], (low[0] + high[0]) / 2, (low[1] + high[1]) / 2
     t = wall * min(wide, tall)
     if family == "L":
         return (wide, tall, t), (low[0], low[1])

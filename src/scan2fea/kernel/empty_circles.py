@@ -20,11 +20,14 @@ _ROUNDING = 1e-12  # of distances: a bisector through a corner, as on a grid and
 _PER_POINT = 3  # circles: two of points in general place, one more of those on a grid
 
 
-def empty_circles(flat: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Middles (m, 2), radii (m,) of the circles through three of the points (n, 2) that hold no other and have their middle in the box of all."""
+def empty_circles(flat: FloatArray, grid: PlanarGrid | None = None) -> tuple[FloatArray, FloatArray]:
+    """Middles (m, 2), radii (m,) of the circles through three of the points (n, 2) that hold no other and have their middle in the box of all.
+
+    grid : of the points, where one is there already.
+    """
     if len(flat) < 3 or not (np.ptp(flat, axis=0) > 0).all():
         return np.zeros((0, 2)), np.zeros(0)
-    grid = PlanarGrid.of(flat)
+    grid = grid or PlanarGrid.of(flat)
     found = _corners(grid.points, grid.cell, grid.first, grid.shape, grid.step, grid.size)
     return found[:, :2] + grid.low, np.ascontiguousarray(found[:, 2])
 

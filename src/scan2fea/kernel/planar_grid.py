@@ -34,15 +34,32 @@ class PlanarGrid(Value):
         low, size = flat.min(axis=0), np.ptp(flat, axis=0)
         step = max(math.sqrt(_PER_CELL * float(size[0] * size[1]) / len(flat)), float(size.max()) / len(flat))
         shape = np.ceil(size / step).astype(np.int64)
-        cell = np.minimum(((flat - low) / step).astype(np.int64), shape - 1)
-        number = cell[:, 0] * shape[1] + cell[:, 1]
-        order = np.argsort(number, kind="stable")
-        first = np.r_[0, np.cumsum(np.bincount(number, minlength=int(shape.prod())))]
-        return cls(low=low, size=size, step=step, shape=shape, points=flat[order] - low, cell=cell[order], first=first)
+        points, cell, first = _sorted(np.ascontiguousarray(flat), low, step, shape)
+        return cls(low=low, size=size, step=step, shape=shape, points=points, cell=cell, first=first)
 
     def n_within(self, at: FloatArray, reach: FloatArray) -> FloatArray:
         """(k,) points within reach (k,) of places at (k, 2)."""
         return _n_within(self.points, self.first, self.shape, self.step, np.ascontiguousarray(at - self.low), np.ascontiguousarray(reach))
+
+
+@jit_ieee
+def _sorted(flat: FloatArray, low: FloatArray, step: float, shape: IntArray) -> tuple[FloatArray, IntArray, IntArray]:
+    """The points from the corner, in the order of their cells (of one cell in their own), their cells, and the first point of each cell."""
+    n, n_cells = len(flat), shape[0] * shape[1]
+    number, first = np.empty(n, np.int64), np.zeros(n_cells + 1, np.int64)
+    for i in range(n):
+        a, b = min(int((flat[i, 0] - low[0]) / step), shape[0] - 1), min(int((flat[i, 1] - low[1]) / step), shape[1] - 1)
+        number[i] = a * shape[1] + b
+        first[number[i] + 1] += 1
+    for k in range(n_cells):
+        first[k + 1] += first[k]
+    filled, points, cell = first[:-1].copy(), np.empty((n, 2)), np.empty((n, 2), np.int64)
+    for i in range(n):
+        at = filled[number[i]]
+        filled[number[i]] += 1
+        points[at, 0], points[at, 1] = flat[i, 0] - low[0], flat[i, 1] - low[1]
+        cell[at, 0], cell[at, 1] = number[i] // shape[1], number[i] % shape[1]
+    return points, cell, first
 
 
 @jit_ieee

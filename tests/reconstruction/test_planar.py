@@ -17,7 +17,7 @@ from scan2fea.reconstruction.blurred_faces import placed
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.hanging import Among
 from scan2fea.reconstruction.planar import flattened
-from scan2fea.reconstruction.plane_growing import Planes, grow_planes, robust_plane
+from scan2fea.reconstruction.plane_growing import Planes, grow_planes, robust_plane, tolerance_m
 from scan2fea.reconstruction.shapes_found import outlined_faces
 from scan2fea.reconstruction.strips import _own, _without_backs, rim_offset
 from scan2fea.simulation.polyhedra import meshed, prism
@@ -261,3 +261,23 @@ def test_narrow_planes_that_look_along_wide_ones_need_no_outline():
     normal[toes] += 0.15 * normal[1]
     normal[toes] /= np.linalg.norm(normal[toes], axis=1)[:, None]
     assert outlined_faces(points, first, replace(planes, normal=normal)) is not None
+
+
+def test_a_plane_whose_points_leave_most_of_it_bare_is_doubted():
+    """Of those points of an angle that lie on none of its faces, spread over all of it."""
+    scan, _, _ = scanned(BEAM, 0.003, 0.0006, seed=1)
+    points, first = scan.cloud.points, visibility(scan)
+    planes = grow_planes(points, first.normals, first.spacing_m, first.sigma_m)
+    assert outlined_faces(points, first, planes) is None
+    way = planes.normal[0] + planes.normal[1]
+    way /= np.linalg.norm(way)
+    off = np.min(np.abs(points @ planes.normal.T - planes.offset), axis=1) > tolerance_m(first.spacing_m, first.sigma_m)
+    assert off.sum() >= 12
+    stray = Planes(
+        normal=np.vstack([planes.normal, way]),
+        offset=np.append(planes.offset, np.median(points[off] @ way)),
+        label=np.where(off, len(planes), planes.label),
+        std_m=np.append(planes.std_m, planes.std_m.max()),
+    )
+    outlined = outlined_faces(points, first, stray)
+    assert outlined is not None and not np.any(outlined.planes.normal @ way > 0.99)

@@ -109,7 +109,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
             half_seen_ends(whole, backed, Sight.of(scan, first, lines=len(cloud)), h, unrolled),
             blocked_lines(scan, mesh, h, sigma),
         ) if by_lines else ()),
-        *(() if first.source == "sensors" else (lost_holes(first.mesh, mesh, wall, h, sigma),)),  # sight lines tell holes themselves
+        *(() if first.source == "sensors" else (lost_holes(first.mesh, mesh, measured, wall, h, sigma),)),  # sight lines tell holes themselves
         bare_faces(whole, cloud.points, scan.sensors(), h),
         *empty_places(mesh, cloud.points, Sight.of(scan, first, lines=len(cloud)) if first.source == "sensors" else None),
     ]  # fmt: skip

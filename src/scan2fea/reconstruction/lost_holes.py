@@ -1,19 +1,22 @@
 """Holes of the surface that a solid of flat and round faces came from, and that this has closed: planes of their walls were not found.
 
 A slot a wall deep has a dozen points on each end, all within the noise of the faces of the wall. Without their planes the cells there are full, and
-what the solid then has too much is a hundredth of its volume.
+what the solid then has too much is a hundredth of its volume. But in a wall of two spacings the first surface also goes through where gaps between
+points lie opposite each other; such a place, where no point lies between the faces of the wall, though a hole would have some there, is none.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.spatial import cKDTree
+from scipy.special import pdtr
 
-from scan2fea.kernel.distances import signed_distance
-from scan2fea.kernel.measures import face_normals
+from scan2fea.kernel.distances import PointToMesh, signed_distance
+from scan2fea.kernel.measures import face_areas, face_normals
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction.evidence import around, at_most
-from scan2fea.types import Check, FloatArray, TriangleMesh
+from scan2fea.reconstruction.plane_growing import tolerance_m
+from scan2fea.types import Check, FloatArray, IntArray, TriangleMesh
 
 LOST_HOLES = "holes that flat faces close"
 HOLES_APART = "holes that flat faces tell otherwise"
@@ -21,14 +24,24 @@ DEEP = 0.25  # of the wall, from both its faces: walls of a hole run through its
 WIDE, SIGMAS = 1.5, 1.0  # spacings and sigma of the radius of a hole that chance does not make
 CLEAR = 0.6  # of that radius about such a place is empty: a surface through points narrows its holes, gaps by chance leave less
 APART = 4.0  # of that radius: what lies nearer counts as one hole, however long
+BARE = 0.01  # chance that the wall of a hole has so few points, and expected number of gaps so wide in so many points
+STEPS = 9  # places tried for the middle of a gap, each way
 
 
-def lost_holes(first: TriangleMesh, solid: TriangleMesh, wall_m: float, spacing_m: float, sigma_m: float) -> Check:
-    """How many holes of the first surface, wider than gaps between points, are full in the solid; none where it has as many holes."""
-    places = np.zeros((0, 3))
+def lost_holes(first: TriangleMesh, solid: TriangleMesh, points: FloatArray, wall_m: float, spacing_m: float, sigma_m: float) -> Check:
+    """How many holes of the first surface, wider than gaps between points, are full in the solid; none where it has as many holes.
+
+    points : (n, 3) measured.
+    """
+    places, group = np.zeros((0, 3)), np.zeros(0, np.int64)
     if surface_topology(first).n_handles > surface_topology(solid).n_handles:
         places = _closed(first, solid, wall_m, WIDE * spacing_m + SIGMAS * sigma_m)
-    n = _groups(places, APART * (WIDE * spacing_m + SIGMAS * sigma_m))
+        group = _groups(places, APART * (WIDE * spacing_m + SIGMAS * sigma_m))
+    if len(places):
+        depth = -signed_distance(points, solid)
+        is_gap = np.array([_is_gap(places[group == k], first, solid, points, depth, spacing_m, sigma_m) for k in range(int(group.max()) + 1)])
+        places, group = places[~is_gap[group]], group[~is_gap[group]]
+    n = len(np.unique(group))
     says = f"flat faces close {n} holes of the surface they came from{around(places)}: their walls are not among the faces"
     return at_most(LOST_HOLES, float(n), 0.0, says)
 
@@ -51,16 +64,50 @@ def _closed(first: TriangleMesh, solid: TriangleMesh, wall_m: float, radius_m: f
     return np.asarray(places[signed_distance(places, first) > CLEAR * radius_m]) if len(places) else places
 
 
-def _groups(places: FloatArray, apart_m: float) -> int:
-    """How many groups of places lie farther than that apart."""
-    left, n = np.ones(len(places), bool), 0
+def _is_gap(
+    places: FloatArray, first: TriangleMesh, solid: TriangleMesh, points: FloatArray, depth: FloatArray, spacing_m: float, sigma_m: float
+) -> bool:
+    """Is a hole of the first surface, about `places`, one between points? depth : (n,) of the points in the solid.
+
+    Between the faces of the wall lie fewer points than its own wall would have, and both faces are bare no farther than chance leaves somewhere.
+    """
+    off, reach = tolerance_m(spacing_m, sigma_m), APART * (WIDE * spacing_m + SIGMAS * sigma_m)
+    middle = first.vertices[first.faces].mean(axis=1)
+    beside = cKDTree(places)
+    own = np.flatnonzero(np.isfinite(beside.query(middle, distance_upper_bound=reach)[0]))
+    own = own[signed_distance(middle[own], solid) < -off]
+    due = float(face_areas(first)[own].sum()) / spacing_m**2
+    near = np.isfinite(beside.query(points, distance_upper_bound=reach)[0])
+    if pdtr(int(np.sum(depth[near] > off)), due) > BARE:
+        return False
+    bare = min(reach, max(_bare(place, solid, points[near & (depth >= -off)], spacing_m, sigma_m) for place in places))
+    due = 2.0 * np.pi * (bare / spacing_m) ** 2  # on both faces
+    return bool(len(points) * due * np.exp(-due) >= BARE)
+
+
+def _bare(place: FloatArray, solid: TriangleMesh, points: FloatArray, spacing_m: float, sigma_m: float) -> float:
+    """Radius of the widest circle that the points of both faces of the wall about a place leave empty there, m."""
+    nearest = PointToMesh(solid).nearest(place[None])
+    way = face_normals(solid)[nearest.face[0]]
+    height = (points - place) @ way
+    across = np.linalg.svd(way[None])[2][1:]
+    wall = points[np.abs(height) <= 2.0 * float(nearest.distance[0]) + tolerance_m(spacing_m, sigma_m)] @ across.T
+    step = np.linspace(-1.0, 1.0, STEPS) * WIDE * spacing_m
+    middles = place @ across.T + np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
+    return float(np.max(cKDTree(wall).query(middles)[0]))
+
+
+def _groups(places: FloatArray, apart_m: float) -> IntArray:
+    """(k,) the group of each place: groups lie farther than that apart."""
+    group, n = np.full(len(places), -1, np.int64), 0
     tree = cKDTree(places) if len(places) else None
-    while tree is not None and left.any():
-        begun, n = [int(np.argmax(left))], n + 1
-        left[begun] = False
+    while tree is not None and (group < 0).any():
+        begun = [int(np.argmin(group))]
+        group[begun] = n
         while begun:
             near = np.array(tree.query_ball_point(places[begun.pop()], apart_m), np.int64)
-            near = near[left[near]]
-            left[near] = False
+            near = near[group[near] < 0]
+            group[near] = n
             begun += near.tolist()
-    return n
+        n += 1
+    return group

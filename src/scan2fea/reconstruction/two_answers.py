@@ -27,8 +27,10 @@ from scan2fea.types import Check, FloatArray, Scan, TriangleMesh
 
 # of these none is about where points lie
 WHERE = frozenset({DIFFER, HIDDEN_VOLUME, WALL_ENDS, BARE_FACES, EMPTY_PLACES, UNSEEN_WALLS, VOLUME_IN_DOUBT, "unmeasured area"})
-# of these each may come of points on the wall of a hole that the faces close
-OF_LOST_HOLES = WHERE | {LOST_HOLES, "points beside flat faces", "deviation p95", "stray points", "points afloat inside"}
+# of these each may come of points on the wall of a hole that the faces close, or of planes that lean among those of its rim
+OF_LOST_HOLES = WHERE | {
+    LOST_HOLES, "points beside flat faces", "deviation p95", "stray points", "points afloat inside", "scatter about flat faces", "bent faces"
+}  # fmt: skip
 CUT = math.sqrt(RIM_CUT)  # spacings that a square edge lies before the chord which cuts RIM_CUT square spacings off it
 SENSORS, FLOOD = "sensors", "outside flood"  # what told the outside
 PLACES = 4000  # in the flat solid: 2 % of them are known to 0.2
@@ -55,12 +57,12 @@ def contradicted(scan: Scan, found: Reconstruction, flats: Sequence[Reconstructi
 
 
 def _holes(found: Reconstruction, flats: Sequence[Reconstruction]) -> tuple[Check, ...]:
-    """Where no sight lines are known: narrow holes that a solid of flat faces closes beside those it has lost."""
+    """Where no sight lines are known: narrow holes, or gaps taken for holes, that a solid of flat faces closes beside those it has lost."""
     told = []
     for flat in flats if found.source == FLOOD else ():
         against = {check.name: check.value for check in failed(flat.checks)}
-        if LOST_HOLES in against and OF_LOST_HOLES.issuperset(against):
-            told.append(holes_apart(found.mesh, flat.mesh, round(float(against[LOST_HOLES] or 0.0))))
+        if OF_LOST_HOLES.issuperset(against):
+            told.append(holes_apart(found.mesh, flat.mesh, round(float(against.get(LOST_HOLES) or 0.0))))
     return (max(told, key=lambda check: float(check.value or 0.0)),) if told else ()
 
 

@@ -111,3 +111,18 @@ def test_walls_far_apart_tell_no_rim():
     face = PointToMesh(mesh).nearest(points).face
     found = with_rims(mesh, patches, patches, points, face, 3 * SIGMA, THICK / 2.1)
     assert not found.told and found.patches.surfaces == patches.surfaces
+
+
+def test_a_crumb_that_no_point_asks_for_is_given_up_where_rims_are_told():
+    mesh, patches = rounded()
+    points = on_plate()
+    middle = mesh.vertices[mesh.faces].mean(1)
+    crumb = np.argsort(np.linalg.norm(middle - [LONG / 4, WIDE / 4, THICK / 2], axis=1))[:4]
+    label = patches.label.copy()
+    label[crumb] = 2
+    face = PointToMesh(mesh).nearest(points).face
+    far = ~np.isin(face, crumb)
+    given = Patches(label=label, surfaces=(*patches.surfaces, Surface(kind=CYLINDER, point=np.zeros(3), axis=np.eye(3)[0], radius=5.5, sense=-1)))
+    for used, n in ((far, 6), (np.ones_like(far), 7)):
+        found = with_rims(mesh, given, given, points[used], face[used], 3 * SIGMA, 3.0 + 9 * SIGMA)
+        assert len(found.told) == 4 and len(found.patches.surfaces) == n

@@ -70,6 +70,9 @@ def with_rims(mesh: TriangleMesh, patches: Patches, raw: Patches, points: FloatA
                 surfaces.append(surface)
     if not told:
         return Rimmed(patches=patches, told={})
+    count = np.bincount(label[face] + 1, minlength=len(surfaces) + 1)[1:]
+    area = np.bincount(label + 1, weights=near.areas, minlength=len(surfaces) + 1)[1:]
+    label[np.isin(label, np.flatnonzero((count == 0) & (area <= reach**2)))] = -1  # crumbs of roundings that no point asks for
     known = [surfaces[k] for k in {*told, *(k for pair in pairs for k in pair.walls)}]
     sharp = without_roundings(mesh, Patches(label=label, surfaces=tuple(surfaces)), reach, known)  # what is left of the roundings of the rims
     number = {id(s): k for k, s in enumerate(sharp.surfaces)}

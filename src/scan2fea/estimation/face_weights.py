@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from scan2fea.estimation.likelihood import SectionModel
+from scan2fea.kernel.face_share import likeliest_share
 from scan2fea.kernel.section_likelihood import face_lengths, faces, log_density
 from scan2fea.types import FloatArray
 
@@ -25,15 +26,7 @@ def seen_weights(model: SectionModel, theta: FloatArray) -> FloatArray:
     eps = model.layout.outlier_share(theta)
     density = face_densities(model, theta)
     stray = 1 / model.area_m2
-    share = lengths / lengths.sum()
-    for _ in range(_ROUNDS):
-        parts = (1 - eps) * density * share
-        own = parts / (parts.sum(1) + eps * stray)[:, None]
-        new = own.sum(0) / max(float(own.sum()), 1e-300)
-        done = float(np.abs(new - share).max()) < _STILL
-        share = new
-        if done:
-            break
+    share = likeliest_share(np.ascontiguousarray(density), lengths / lengths.sum(), eps / (1 - eps) * stray, _ROUNDS, _STILL)
     weight = share / lengths
     return np.asarray(weight / _typical_density(weight, share))
 

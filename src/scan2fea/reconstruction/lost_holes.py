@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import pdtr
 
-from scan2fea.kernel.distances import PointToMesh, signed_distance
+from scan2fea.kernel.distances import signed_distance
 from scan2fea.kernel.measures import face_areas, face_normals
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction.evidence import around, at_most
@@ -24,8 +24,7 @@ DEEP = 0.25  # of the wall, from both its faces: walls of a hole run through its
 WIDE, SIGMAS = 1.5, 1.0  # spacings and sigma of the radius of a hole that chance does not make
 CLEAR = 0.6  # of that radius about such a place is empty: a surface through points narrows its holes, gaps by chance leave less
 APART = 4.0  # of that radius: what lies nearer counts as one hole, however long
-BARE = 0.01  # chance that the wall of a hole has so few points, and expected number of gaps so wide in so many points
-STEPS = 9  # places tried for the middle of a gap, each way
+BARE = 0.01  # chance that the wall of a hole has so few points
 
 
 def lost_holes(first: TriangleMesh, solid: TriangleMesh, points: FloatArray, wall_m: float, spacing_m: float, sigma_m: float) -> Check:
@@ -67,34 +66,17 @@ def _closed(first: TriangleMesh, solid: TriangleMesh, wall_m: float, radius_m: f
 def _is_gap(
     places: FloatArray, first: TriangleMesh, solid: TriangleMesh, points: FloatArray, depth: FloatArray, spacing_m: float, sigma_m: float
 ) -> bool:
-    """Is a hole of the first surface, about `places`, one between points? depth : (n,) of the points in the solid.
+    """Is a hole of the first surface, about `places`, one between points? Between the faces of the wall lie fewer than its own wall would have.
 
-    Between the faces of the wall lie fewer points than its own wall would have, and both faces are bare no farther than chance leaves somewhere.
+    depth : (n,) of the points in the solid. A hole whose wall nobody scanned leaves both faces bare: that is asked elsewhere (`empty_places`).
     """
     off, reach = tolerance_m(spacing_m, sigma_m), APART * (WIDE * spacing_m + SIGMAS * sigma_m)
-    middle = first.vertices[first.faces].mean(axis=1)
-    beside = cKDTree(places)
+    middle, beside = first.vertices[first.faces].mean(axis=1), cKDTree(places)
     own = np.flatnonzero(np.isfinite(beside.query(middle, distance_upper_bound=reach)[0]))
     own = own[signed_distance(middle[own], solid) < -off]
     due = float(face_areas(first)[own].sum()) / spacing_m**2
     near = np.isfinite(beside.query(points, distance_upper_bound=reach)[0])
-    if pdtr(int(np.sum(depth[near] > off)), due) > BARE:
-        return False
-    bare = min(reach, max(_bare(place, solid, points[near & (depth >= -off)], spacing_m, sigma_m) for place in places))
-    due = 2.0 * np.pi * (bare / spacing_m) ** 2  # on both faces
-    return bool(len(points) * due * np.exp(-due) >= BARE)
-
-
-def _bare(place: FloatArray, solid: TriangleMesh, points: FloatArray, spacing_m: float, sigma_m: float) -> float:
-    """Radius of the widest circle that the points of both faces of the wall about a place leave empty there, m."""
-    nearest = PointToMesh(solid).nearest(place[None])
-    way = face_normals(solid)[nearest.face[0]]
-    height = (points - place) @ way
-    across = np.linalg.svd(way[None])[2][1:]
-    wall = points[np.abs(height) <= 2.0 * float(nearest.distance[0]) + tolerance_m(spacing_m, sigma_m)] @ across.T
-    step = np.linspace(-1.0, 1.0, STEPS) * WIDE * spacing_m
-    middles = place @ across.T + np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
-    return float(np.max(cKDTree(wall).query(middles)[0]))
+    return bool(pdtr(int(np.sum(depth[near] > off)), due) <= BARE)
 
 
 def _groups(places: FloatArray, apart_m: float) -> IntArray:

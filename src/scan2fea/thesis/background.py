@@ -16,7 +16,6 @@ from scan2fea.registration.descriptors import DIRECTIONS, descriptors
 from scan2fea.registration.frame import right_handed
 from scan2fea.registration.keypoints import keypoints, saliency
 from scan2fea.report.colours import viridis
-from scan2fea.simulation.lab17 import lab17
 from scan2fea.simulation.laser_scanner import TerrestrialOptions, scan_terrestrial
 from scan2fea.simulation.lidar import LidarOptions, scan_lidar
 from scan2fea.simulation.sampling import SamplingOptions, sampled
@@ -25,7 +24,7 @@ from scan2fea.simulation.shapes import posed
 from scan2fea.simulation.solids import Scene, Solid
 from scan2fea.thesis.bench import Bench
 from scan2fea.thesis.canvas import BLUE, FAINT, GREEN, ORANGE, RED, Canvas, tiles
-from scan2fea.thesis.clouds import METRES_PER_INCH, hdl_scans, lab_scan
+from scan2fea.thesis.clouds import METRES_PER_INCH, hdl_scans, lab, lab_scan
 from scan2fea.thesis.experiment import Made
 from scan2fea.thesis.pictures import cloud_picture
 from scan2fea.types import FloatArray
@@ -52,7 +51,7 @@ def placed(kind: str, values: dict[str, float], T: FloatArray, name: str = "bloc
 def one_beam(bench: Bench) -> Made:
     """Figure 2.4: one turn of a single-beam LiDAR."""
     options = LidarOptions(positions_m=((1.7, -1.2, 0.9),), frames=1, rate_hz=0.5, firing_us=10_000.0, noise_m=0.01)
-    scan = scan_lidar(lab17(bench.options.seed), options, bench.options.seed)[0]
+    scan = scan_lidar(lab(bench.options.seed), options, bench.options.seed)[0]
     p = scan.cloud.points[:, :2]
     canvas = Canvas(700, 420)
     low, high = np.minimum(p.min(axis=0), [1.6, -1.4]) - 0.1, p.max(axis=0) + 0.1

@@ -17,10 +17,9 @@ from scan2fea.kernel.transforms import applied, inverse
 from scan2fea.pipeline.config import Config, load_config
 from scan2fea.pipeline.run import run
 from scan2fea.report.ours import read_surface
-from scan2fea.simulation.lab17 import lab17
 from scan2fea.simulation.motion import path_of
 from scan2fea.thesis.bench import Bench
-from scan2fea.thesis.clouds import BEAM, HDL, SIGMA_M, capture, hdl_scans, hdl_sensor, lab_scan
+from scan2fea.thesis.clouds import BEAM, HDL, SIGMA_M, capture, hdl_scans, hdl_sensor, lab, lab_scan
 from scan2fea.thesis.published import stated
 from scan2fea.types import Scan, TriangleMesh, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
@@ -154,7 +153,7 @@ def config_of(bench: Bench, case: str) -> Config:
     "known", "hdl_known": the section is given, as informed shape estimation assumes (3.3.9). A quick run crops the scene to a box round the beam
     first: the other objects are then not cut out of it.
     """
-    beam = lab17(bench.options.seed).solids[BEAM]
+    beam = lab(bench.options.seed).solids[BEAM]
     middle = applied(beam.T_world_shape, np.array([[0.0, 0.0, beam.shape.parameters["length"] / 2]]))
     settings: dict[str, Any] = {"run.seed": bench.options.seed, "run.jobs": 1}
     if case == UNPOSED:  # all is told in the frame of the scanner, as it stood at first

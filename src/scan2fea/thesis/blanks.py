@@ -21,7 +21,6 @@ from scan2fea.pipeline.simulate import scanned, with_sensor
 from scan2fea.remeshing.lloyd import lloyd
 from scan2fea.remeshing.odt import odt
 from scan2fea.repair.holes import fill_holes
-from scan2fea.simulation.lab17 import lab17
 from scan2fea.simulation.motion import path_through
 from scan2fea.simulation.sampling import SamplingOptions, sampled_solid
 from scan2fea.simulation.scene_names import lab_file
@@ -30,7 +29,7 @@ from scan2fea.simulation.sensors import SENSORS
 from scan2fea.thesis.background import block
 from scan2fea.thesis.bench import Bench
 from scan2fea.thesis.chain import advancing_front_mesh
-from scan2fea.thesis.clouds import BEAM, DENSE_M, METRES_PER_INCH, middle_stretch
+from scan2fea.thesis.clouds import BEAM, DENSE_M, METRES_PER_INCH, lab, middle_stretch
 from scan2fea.thesis.drawings import square
 from scan2fea.thesis.experiment import Cell, Made, Table
 from scan2fea.thesis.measured import QUALITIES
@@ -43,7 +42,7 @@ WAY_S = 40.0
 
 def sensors(bench: Bench) -> Made:
     """Section 2.1: what each kind of sensor brings home from the lab, and how far from the beam its points lie."""
-    beam = lab17(bench.options.seed).solids[BEAM]
+    beam = lab(bench.options.seed).solids[BEAM]
     surface = PointToMesh(beam.mesh)
     rows: list[tuple[Cell, ...]] = []
     says: list[str] = []
@@ -192,7 +191,7 @@ def _patch(vertices: FloatArray, faces: IntArray, rim: float) -> tuple[float, fl
 
 def improved(bench: Bench) -> Made:
     """Section 3.3.7: which measures Lloyd and ODT improve, on the first mesh of a stretch of the beam."""
-    solid = middle_stretch(lab17(bench.options.seed).solids[BEAM], STRETCH_M)
+    solid = middle_stretch(lab(bench.options.seed).solids[BEAM], STRETCH_M)
     points, _ = sampled_solid(solid, SamplingOptions(method="uniform", spacing_m=DENSE_M), bench.options.seed)
     first = advancing_front_mesh(points, bench.options.seed)
     made = {"first mesh": first}

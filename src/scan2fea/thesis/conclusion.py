@@ -19,12 +19,11 @@ from scan2fea.kernel.measures import area
 from scan2fea.report.camera import Camera, framed, look_at
 from scan2fea.report.colours import categories
 from scan2fea.report.render import Shape, render
-from scan2fea.simulation.lab17 import lab17
 from scan2fea.tetmeshing import layered
 from scan2fea.thesis.bench import Bench, ThesisOptions
 from scan2fea.thesis.best import CASES, GIVEN, OF_CLOUD, STATED, Best, best
 from scan2fea.thesis.canvas import tiles
-from scan2fea.thesis.clouds import BEAM, DENSE_M, beam_points, treated
+from scan2fea.thesis.clouds import BEAM, DENSE_M, beam_points, lab, treated
 from scan2fea.thesis.experiment import Cell, Made, Table
 from scan2fea.thesis.meshes import first_mesh
 from scan2fea.thesis.pictures import cloud_picture, mesh_picture
@@ -61,7 +60,7 @@ def _found(bench: Bench, says: list[str]) -> Iterator[tuple[str, Best]]:
 
 def dimensions(bench: Bench) -> Made:
     """Section 4.4 as a table: what each data set tells of the beam."""
-    volume = lab17(bench.options.seed).solids[BEAM].volume_m3
+    volume = lab(bench.options.seed).solids[BEAM].volume_m3
     rows: list[tuple[Cell, ...]] = []
     says: list[str] = []
     for case, found in _found(bench, says):
@@ -77,7 +76,7 @@ def dimensions(bench: Bench) -> Made:
 
 def _sizes(bench: Bench, found: Best) -> list[tuple[Cell, ...]]:
     """Rows of SIZES: the dimensions beside the true ones."""
-    true = lab17(bench.options.seed).solids[BEAM].shape.parameters
+    true = lab(bench.options.seed).solids[BEAM].shape.parameters
     rows: list[tuple[Cell, ...]] = []
     for name, (value, std, observable) in found.parameters().items():
         size = true.get(name)
@@ -99,7 +98,7 @@ def _posterior(found: Best) -> list[str]:
 
 def _assumed(bench: Bench, found: Best) -> list[str]:
     """What was built where the points do not tell a wall, beside the truth and the doubt that the program states of it."""
-    true, says = lab17(bench.options.seed).solids[BEAM].shape.parameters, []
+    true, says = lab(bench.options.seed).solids[BEAM].shape.parameters, []
     for name, told in ((found.row.get("member") or {}).get("parameters") or {}).items():
         if told["observable"] or not told.get("spread_m") or name not in true or found.surface is None:
             continue

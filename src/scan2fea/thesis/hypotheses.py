@@ -23,12 +23,11 @@ from scan2fea.reconstruction.scale_space import smoothed, smoothing_radius
 from scan2fea.report.colours import viridis
 from scan2fea.segmentation.euclidean import euclidean
 from scan2fea.segmentation.metrics import agreement
-from scan2fea.simulation.lab17 import lab17
 from scan2fea.simulation.sampling import SamplingOptions, sampled_solid
 from scan2fea.simulation.solids import Solid
 from scan2fea.thesis.bench import Bench, ThesisOptions
 from scan2fea.thesis.canvas import FAINT, INK, RED, Canvas, Panel
-from scan2fea.thesis.clouds import BEAM, VOXEL_M, clustering, filter_options, lab_scan, middle_stretch
+from scan2fea.thesis.clouds import BEAM, VOXEL_M, clustering, filter_options, lab, lab_scan, middle_stretch
 from scan2fea.thesis.experiment import Cell, Chore, Made, Table
 from scan2fea.thesis.published import stated
 from scan2fea.types import FloatArray, PointCloud, Scan
@@ -93,7 +92,7 @@ def _isolated(scan: Scan) -> tuple[float, float]:
 
 
 def specimen(bench: Bench, length_m: float) -> Solid:
-    return middle_stretch(lab17(bench.options.seed).solids[BEAM], length_m)
+    return middle_stretch(lab(bench.options.seed).solids[BEAM], length_m)
 
 
 def seen_points(solid: Solid, spacing_m: float, noise_m: float, hidden: Sequence[str], seed: int) -> tuple[FloatArray, float]:

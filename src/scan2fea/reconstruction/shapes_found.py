@@ -23,7 +23,7 @@ FACES_OFF = 0.5  # spacings that faces of a first surface lie off the cylinder t
 FACES_LEAN = 0.3  # cosine
 LEAST_PLANES = 3  # of a solid, but for its rims
 NARROW = 4.0  # times how far points may lie off their plane: of a narrower face half lies within reach of those beside it
-FILLED = 0.25  # of the rectangle that points of a plane spread over
+FILLED, SMALL = 0.5, 0.1  # of the strip that points of a plane spread over; of the points of the largest plane
 TAIL = 2.0  # times how far points may lie off their cylinder: so far the noise still throws one of thousands
 
 
@@ -56,17 +56,22 @@ def outlined_faces(points: FloatArray, first: Reconstruction, grown: Planes | No
     """The planes alone, the narrow ones by the outlines of walls; None where none is narrow, all are, or each looks along a direction of wide ones.
 
     Across a face as narrow as the noise reaches, points tell no tilt, and their normals are blended with those beside it: planes grown there lean.
-    So may planes whose points leave most of what they spread over bare.
+    So do small planes whose points leave most of what they spread over bare, or they are faces in pieces, which look along others.
     Raises ReconstructionError as `flat_faces`.
     """
     h, sigma = first.spacing_m, first.sigma_m
     if grown is None or sigma <= EXACT:
         return None
     grown = needed(points, grown, h, sigma)
-    width = np.array([_width(points[grown.label == k], h) for k in range(len(grown))])
-    is_narrow = width <= NARROW * tolerance_m(h, sigma)
-    if is_narrow.all() or not is_narrow.any() or (grown.normal[is_narrow] @ ways_of(grown.normal[~is_narrow]).T).max(axis=1).min() >= EXACTLY:
+    extent = np.array([_extent(points[grown.label == k], h) for k in range(len(grown))]).reshape(-1, 2)
+    count = np.bincount(grown.label[grown.label >= 0], minlength=len(grown))
+    is_narrow = extent[:, 0] <= NARROW * tolerance_m(h, sigma)
+    is_bare = (extent[:, 1] < FILLED) & (count < SMALL * count.max(initial=0))
+    sure = grown.normal[~(is_narrow | is_bare)]
+    leans = (grown.normal @ ways_of(sure).T).max(axis=1) < EXACTLY if len(sure) else np.zeros(len(grown), bool)
+    if not ((is_narrow | is_bare) & leans).any():
         return None
+    is_narrow |= is_bare & leans
     wide = settled(points, first.normals, [grown.plane(int(k)) for k in np.flatnonzero(~is_narrow)], h, sigma)
     return Faces(planes=planes_beside(points, first, NO_ROUNDS, wide))
 
@@ -75,15 +80,15 @@ def _says(planes: Planes | None) -> str:
     return f"the points lie on {0 if planes is None else len(planes)} planes"
 
 
-def _width(own: FloatArray, spacing_m: float) -> float:
-    """Of the strip that points of a plane would fill evenly, across it, m; 0 of too few, and of points that leave most of their strip bare.
+def _extent(own: FloatArray, spacing_m: float) -> tuple[float, float]:
+    """Of the strip that points of a plane would fill evenly: its width, m, and the share of it that so many points fill. 0, 0 of too few.
 
     A plane that cuts across edges takes the points at its crossings with the faces of them, whose normals are blended.
     """
     if len(own) < LEAST_POINTS:
-        return 0.0
+        return 0.0, 0.0
     across, along = np.sqrt(12.0 * np.maximum(0.0, np.linalg.eigvalsh(np.cov(own.T))))[1:]
-    return float(across) if len(own) * spacing_m**2 >= FILLED * across * along else 0.0
+    return float(across), float(len(own) * spacing_m**2 / max(across * along, 1e-300))
 
 
 def round_faces(points: FloatArray, first: Reconstruction) -> Faces | None:

@@ -16,6 +16,7 @@ from scan2fea.reconstruction.gates_surface import (
     SCANS_OPEN,
     SHEET,
     coverage,
+    left_out,
     mean_curvature,
     merged,
     mixed,
@@ -243,3 +244,20 @@ def test_a_beam_without_one_face_is_refused():
 def test_noise_over_the_wall_is_refused():
     points, _ = sampled(l_beam(0.08, 0.06, T, 0.15), 0.004)
     assert failed(unseen(points + 0.6 * T * np.random.default_rng(1).normal(size=points.shape)).checks)
+
+
+def test_a_rib_that_flat_faces_leave_out_is_told_however_few_points_it_has():
+    """The short leg of an angle; as many points anywhere are strays, and not on the surface that the solid came from."""
+    spacing, sigma = 0.004, 0.0004
+    whole, solid = extruded(np.array([[0, 0], [0.4, 0], [0.4, 0.01], [0.01, 0.01], [0.01, 0.03], [0, 0.03]]), 0.05), box((0.4, 0.01, 0.05))
+    places = sample_surface(whole, int(area(whole) / spacing**2), 1)[0]
+    points = places + np.random.default_rng(1).normal(0.0, sigma, places.shape)
+    far = 3.0 * sigma + 0.5 * spacing
+    check = left_out(points, distance_to_mesh(points, solid).distance, whole, far, spacing)
+    on_leg = int(np.sum(points[:, 1] > 0.01 + far))
+    assert not check.passed and 0.8 * on_leg <= check.value <= on_leg + 3
+    assert left_out(points, distance_to_mesh(points, whole).distance, whole, far, spacing).value == 0.0
+    flat = points[points[:, 1] < 0.011]
+    strays = np.random.default_rng(2).uniform((0.0, 0.0, 0.0), (0.4, 0.03, 0.05), (100, 3))
+    flat = np.concatenate([flat, strays])
+    assert left_out(flat, distance_to_mesh(flat, solid).distance, solid, far, spacing).value == 0.0

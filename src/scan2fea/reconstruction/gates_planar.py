@@ -21,7 +21,7 @@ from scan2fea.reconstruction.flat_gaps import flat_ends, half_seen_ends, hidden_
 from scan2fea.reconstruction.gates import in_all
 from scan2fea.reconstruction.gates_outside import GAPS_ENTERED
 from scan2fea.reconstruction.gates_round import one_region, out_of_round, rolled, round_distance
-from scan2fea.reconstruction.gates_surface import afloat, deviation, mean_curvature, stray
+from scan2fea.reconstruction.gates_surface import afloat, deviation, left_out, mean_curvature, stray
 from scan2fea.reconstruction.lost_holes import lost_holes
 from scan2fea.reconstruction.plane_growing import Planes, tolerance_m
 from scan2fea.reconstruction.round_cuts import Shapes
@@ -69,7 +69,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
     off = round_distance(measured, of, nearest.distance, every)
     held = off <= tolerance_m(h, sigma) + 0.03 * h + np.where(of >= 0, CHORD * h, 0.0)
     flat, bowed = held & (of < 0), held & (of >= 0)
-    share = float(np.mean(~held))
+    share, far = float(np.mean(~held)), 3.0 * sigma + 0.5 * h
     unexplained = UNEXPLAINED_INSIDE if GAPS_ENTERED in (check.name for check in first.checks) else UNEXPLAINED
     open_m3 = _open_m3(whole, every)
     known = first.thickness_m[np.isfinite(first.thickness_m)]
@@ -101,7 +101,8 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
         ),
         *_inherited(first, mesh, by_lines),
         deviation(off, 2.5 * sigma + 0.125 * h),
-        stray(measured, off, 3.0 * sigma + 0.5 * h),
+        stray(measured, off, far),
+        left_out(measured, off, first.mesh, far, h),
         afloat(mesh, measured, off, h, sigma),
         hidden_volume_flat(whole, backed, h, unrolled),
         *((

@@ -8,9 +8,9 @@ import numpy as np
 from scipy.special import bdtrc
 
 from scan2fea.kernel.coverage import unmeasured_share
-from scan2fea.kernel.distances import signed_distance
+from scan2fea.kernel.distances import PointToMesh, signed_distance
 from scan2fea.kernel.measures import face_areas, face_normals, volume
-from scan2fea.kernel.neighbors import k_nearest
+from scan2fea.kernel.neighbors import k_nearest, radius_components
 from scan2fea.kernel.topology import edge_table, half_edges
 from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, MIXED, SCANS
 from scan2fea.reconstruction.evidence import PATCH, SAME_FACE, SAMPLES, Evidence, around, at_least, at_most, mm, patch_wall_m, wall_m
@@ -29,6 +29,7 @@ REACH_SPACINGS, REACH_SIGMAS = 3.0, 3.0  # a place with no measured point of its
 INFERRED = 0.55  # of the area: the hidden face of a plate that lies on a table is a little less than half
 MIXED_SHARE = 0.05  # of the volume that such points may take from walls
 STRAY = 0.01
+LEFT_OUT, SIDE_BY_SIDE, MOST_LEFT_OUT = "points left out side by side", 2.0, 11  # spacings between neighbours; a plane needs a dozen
 AFLOAT, AFLOAT_SIGMAS = 0.5, 3.0  # spacings, and of the noise: a point farther off the surface is none of its own
 AFLOAT_CHANCE = 0.0025  # that so many of those are inside
 MERGED, MERGED_KURTOSIS = 0.02, 1.6  # two sheets in one: residuals of two values have kurtosis 1, a normal distribution 3
@@ -184,6 +185,22 @@ def stray(points: FloatArray, distance: FloatArray, far: float) -> Check:
     share = float(np.mean(beyond))
     says = f"{share:.1%} of the points lie farther than {mm(far)} from the surface (limit {STRAY:.0%}){around(points[beyond])}: a part was lost, "
     return at_most("stray points", share, STRAY, says + "or the cloud holds points that are not the object's")
+
+
+def left_out(points: FloatArray, distance: FloatArray, before: TriangleMesh, far: float, spacing_m: float) -> Check:
+    """Has a solid left out a part of the surface that it came from? A share of all points does not tell a rib of a hundredth of them.
+
+    points : (n, 3).   distance : (n,) from the solid.   before : that surface. Points farther from the one than from the other by `far` are counted
+    where they lie side by side: strays do not, and lie on neither.
+    """
+    off = np.flatnonzero(distance > far)
+    if len(off):
+        off = off[distance[off] - PointToMesh(before).nearest(points[off]).distance > far]
+    part = radius_components(points[off], SIDE_BY_SIDE * spacing_m) if len(off) else np.zeros(0, np.int64)
+    size = np.bincount(part, minlength=1)
+    where = around(points[off[part == np.argmax(size)]])
+    says = f"{size.max()} points side by side lie on the surface that they enclose and off its flat faces{where}: a part was lost"
+    return at_most(LEFT_OUT, float(size.max()), float(MOST_LEFT_OUT), says)
 
 
 def afloat(mesh: TriangleMesh, points: FloatArray, distance: FloatArray, spacing_m: float, sigma_m: float) -> Check:

@@ -162,6 +162,7 @@ CAUSES: Mapping[str, str] = {
     "deviation p95": "surface too far from the points",
     "shape.deviation_p95": "surface too far from the points",
     "stray points": "points that belong to no surface",
+    "points left out side by side": "a part was lost",
     "scanned bores that are closed": "a hole was lost",
     "holes that flat faces close": "a hole was lost",
     "holes that flat faces tell otherwise": "too few points to tell a hole from a gap",

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from scan2fea.errors import InternalError, require
+from scan2fea.kernel.jit import jit
 from scan2fea.types import FloatArray, IntArray, TriangleMesh
 
 Loop = tuple[int, ...]
@@ -111,7 +112,8 @@ def _face_triangles(vertices: FloatArray, loops: tuple[Loop, ...]) -> IntArray:
     normal /= np.linalg.norm(normal)
     u = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
     u /= np.linalg.norm(u)
-    flat = {i: np.array([vertices[i] @ u, vertices[i] @ np.cross(normal, u)]) for loop in loops for i in loop}
+    v = np.cross(normal, u)
+    flat = {i: np.array([vertices[i] @ u, vertices[i] @ v]) for loop in loops for i in loop}
     return np.array(triangulated(flat, [list(loop) for loop in loops]), np.int64)
 
 
@@ -125,31 +127,54 @@ def triangulated(flat: dict[int, FloatArray], loops: list[list[int]]) -> list[tu
     ring = list(loops[0])
     for hole in sorted(loops[1:], key=lambda loop: -max(flat[i][0] for i in loop)):
         ring = _bridged(flat, ring, hole)
-    triangles: list[tuple[int, int, int]] = []
-    while len(ring) > 3:
-        ear = next((i for i in range(len(ring)) if _is_ear(flat, ring, i, slack)), None)
-        require(ear is not None, InternalError, "the loops of a face cross: it has no triangulation")
-        i = ear or 0
-        triangles.append((ring[i - 1], ring[i], ring[(i + 1) % len(ring)]))
-        del ring[i]
-    return [*triangles, (ring[0], ring[1], ring[2])]
+    places = _clipped(np.array(ring, np.int64), np.array([flat[i] for i in ring]), slack)
+    require(len(places) == len(ring) - 2, InternalError, "the loops of a face cross: it has no triangulation")
+    return [(ring[a], ring[b], ring[c]) for a, b, c in places.tolist()]
 
 
+@jit
+def _clipped(vertex: IntArray, at: FloatArray, slack: float) -> IntArray:
+    """(n - 2, 3) places in the ring of the triangles, the first ear of it cut off each time; fewer where no ear is left.
+
+    vertex : (n,) a bridge walks its ends twice.   at : (n, 2).
+    """
+    n = len(vertex)
+    left = np.arange(n)
+    out = np.zeros((n - 2, 3), np.int64)
+    for count in range(n - 2):
+        k = n - count
+        i = 1 if k == 3 else 0
+        while k > 3 and i < k and not _is_ear(vertex, at, left[:k], i, slack):
+            i += 1
+        if i == k:
+            return out[:count]
+        out[count] = left[i - 1 if i else k - 1], left[i], left[(i + 1) % k]
+        left[i : k - 1] = left[i + 1 : k].copy()
+    return out
+
+
+@jit
 def _turn(a: FloatArray, b: FloatArray, c: FloatArray) -> float:
     return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
+@jit
 def _holds(a: FloatArray, b: FloatArray, c: FloatArray, p: FloatArray, slack: float = 0.0) -> bool:
     """True where p lies in the counter-clockwise triangle or on its border; `slack` (m2) is what rounding may take from a turn."""
     return _turn(a, b, p) >= -slack and _turn(b, c, p) >= -slack and _turn(c, a, p) >= -slack
 
 
-def _is_ear(flat: dict[int, FloatArray], ring: list[int], i: int, slack: float) -> bool:
-    before, tip, after = ring[i - 1], ring[i], ring[(i + 1) % len(ring)]
-    a, b, c = flat[before], flat[tip], flat[after]
-    if _turn(a, b, c) <= slack:
+@jit
+def _is_ear(vertex: IntArray, at: FloatArray, left: IntArray, i: int, slack: float) -> bool:
+    k = len(left)
+    before, tip, after = left[i - 1 if i else k - 1], left[i], left[(i + 1) % k]
+    if _turn(at[before], at[tip], at[after]) <= slack:
         return False
-    return not any(_holds(a, b, c, flat[j], slack) for j in ring if j not in (before, tip, after))
+    for j in left:
+        is_corner = vertex[j] == vertex[before] or vertex[j] == vertex[tip] or vertex[j] == vertex[after]
+        if not is_corner and _holds(at[before], at[tip], at[after], at[j], slack):
+            return False
+    return True
 
 
 def _bridged(flat: dict[int, FloatArray], ring: list[int], hole: list[int]) -> list[int]:

@@ -16,6 +16,7 @@ from numpy.polynomial import legendre
 
 from scan2fea.errors import EstimationError, require
 from scan2fea.estimation.ends import rough_ends
+from scan2fea.kernel.axis_scores import axis_scores
 from scan2fea.kernel.blurred import grid_of, log_density_of
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.types import FloatArray, Value
@@ -228,19 +229,11 @@ def _step(u: FloatArray, slope: FloatArray, basis: FloatArray, twist: FloatArray
     On a ridge sharper than the kernel slopes are small, and their products promise steps that are far too long: `caution` adds that share of the
     kernel's own curvature, 1 / h^2.
     """
-    # moving the axis by +1 moves the straightened point by -1, turned with the twist
-    angle = basis[:, : len(twist) - 1] @ twist[1:]
-    c, s = np.cos(angle), np.sin(angle)
-    by_x, by_y = -(c * slope[:, 0] - s * slope[:, 1]), -(s * slope[:, 0] + c * slope[:, 1])
-    along, around = basis[:, :degree], basis[:, : len(twist) - 1]
-    turn = slope[:, 0] * u[:, 1] - slope[:, 1] * u[:, 0]
-    scores = np.concatenate([by_x[:, None] * along, by_y[:, None] * along, turn[:, None] * around], 1)
-    reach = (u**2).sum(axis=1)
-    own = np.concatenate([np.tile((along**2).sum(axis=0), 2), (around**2 * reach[:, None]).sum(axis=0)]) / h**2
-    information = scores.T @ scores + np.diag(caution * own)
+    total, products, moved = axis_scores(u, slope, basis, twist, degree)
+    information = products + np.diag(caution / h**2 * moved)
     unit = 1 / np.sqrt(np.maximum(np.diag(information), 1e-300))
     matrix = information * np.outer(unit, unit) + 1e-9 * np.eye(len(unit))
-    return np.asarray(unit * np.linalg.solve(matrix, unit * scores.sum(axis=0)))
+    return np.asarray(unit * np.linalg.solve(matrix, unit * total))
 
 
 def _sharpness(local: FloatArray, size: float) -> float:

@@ -111,7 +111,7 @@ def _of_wall(wall: _Wall, z: FloatArray, length: float, sigma_m: float, faces_te
     inside &= (wall.along > wall.low + rim) & (wall.along < wall.high - rim)
     inside &= (z > _NEAR_SIGMAS * sigma_m) & (z < length - _NEAR_SIGMAS * sigma_m)
     face, deep = _unrolled(at[on & ~inside], wall, over), _unrolled(at[inside], wall, over)
-    if len(face) < _LEAST or not (np.ptp(face, axis=0) > 0).all():
+    if len(face) < _LEAST or not all(np.ptp(row) > 0 for row in face.T):
         return []
     near = PlanarGrid.of(face)
     middle, radius = empty_circles(face, near)

@@ -36,6 +36,7 @@ _RISE = 10  # steps on the first points before sections on lines are compared: a
 _WALLS = 4  # of a tube: each may be turned once
 _VERY_STRONG = 10.0  # BIC units (Kass and Raftery 1995)
 _LAW_PRICE = _VERY_STRONG  # that a law other than Gauss's must gain
+_LAWS_APART = 2 * math.log(math.pi * math.e / 6)  # BIC units a point: twice what Gauss's law says less than the box of its variance, in the plane
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -341,18 +342,20 @@ def _set_of(scene: Scene, candidate: Candidate) -> tuple[FloatArray, float]:
 def near_again(scene: Scene, found: Sequence[Candidate]) -> list[Candidate]:
     """Candidates that may still win, on the points of another scene, best first."""
     limit = found[0].bic + _STILL_IN
-    solid = solids_in_question(found)
+    solid = solids_in_question(found, len(scene.points))
     return sorted((with_noise(scene, c, c.noise) for c in found if c.bic < limit or c in solid), key=lambda c: c.bic)
 
 
-def solids_in_question(found: Sequence[Candidate]) -> list[Candidate]:
-    """The best bar of each family where the best hypothesis, first of `found`, has a wall within four sigma.
+def solids_in_question(found: Sequence[Candidate], n_points: int) -> list[Candidate]:
+    """The best bar of each family where the best hypothesis, first of `found`, has a wall within four sigma, and it is not farther behind on that
+    many points than any law brings back.
 
     Under the wrong law of noise two faces of a thin wall stand for one face under wider noise: the bar is right only under a law not yet tried.
     """
     if not _unresolved(found[0], _RESOLVED):
         return []
-    return [c for family in ("rect", "round") for c in [next((c for c in found if c.family == family), None)] if c is not None]
+    best = (next((c for c in found if c.family == family), None) for family in ("rect", "round"))
+    return [c for c in best if c is not None and c.bic < found[0].bic + _STILL_IN + _LAWS_APART * n_points]
 
 
 def with_noise(scene: Scene, candidate: Candidate, noise: str) -> Candidate:
@@ -376,7 +379,7 @@ def with_likeliest_noise(scene: Scene, found: Sequence[Candidate], laws: tuple[s
         laws = (best.noise,)
     # a wrong law may make hidden faces look likely: the best hypothesis that saw the section whole has its say on the law
     whole = next((c for c in found if c.face_weight is None and not c.layout.free_faces), best)
-    asked = list({id(c): c for c in (best, whole, *solids_in_question(found))}.values())
+    asked = list({id(c): c for c in (best, whole, *solids_in_question(found, len(scene.points)))}.values())
     trials = [{law: c if law == c.noise else with_noise(scene, c, law) for law in laws} for c in asked]
     tried = min(trials, key=lambda t: min(c.bic for c in t.values()))
     law = min(tried, key=lambda name: tried[name].bic)

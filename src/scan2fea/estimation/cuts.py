@@ -22,6 +22,7 @@ from scipy.special import gammainc
 
 from scan2fea.estimation.holes import VOID_CELLS, VOID_POINTS
 from scan2fea.estimation.outline import edge_lengths, first_across, inward
+from scan2fea.kernel.region_margins import region_margins
 from scan2fea.kernel.sections import section
 from scan2fea.types import BoolArray, FloatArray, IntArray, Member, Section, Value
 
@@ -181,17 +182,15 @@ def _between(shape: Section, strips: _Strips, seen: BoolArray, blur_m: float) ->
 
 def _cuts(name: str, rows: IntArray, bare: BoolArray, strips: _Strips, counted: _Counted) -> list[tuple[Cut, int]]:
     """The bare regions of a face that chance cannot have left, and of how many cells each is."""
-    label = ndimage.label(bare[rows])[0]
+    label, n_regions = ndimage.label(bare[rows])
     other, step = strips.across[rows], counted.step_m
-    found = []
-    for region, (across, along) in enumerate(ndimage.find_objects(label), 1):
+    cells, density = region_margins(label.astype(np.int64), n_regions, counted.shown[rows], counted.shown[other], counted.own[rows], _BESIDE)
+    missed, places, found = cells * density, ndimage.find_objects(label), []
+    for k in np.flatnonzero(missed > _LEAST_BARE).tolist():
+        region, (across, along) = k + 1, places[k]
         window = slice(max(across.start - _BESIDE, 0), across.stop + _BESIDE), slice(max(along.start - _BESIDE, 0), along.stop + _BESIDE)
         of_region = label[window] == region
         beside = _grown(of_region) & ~of_region & counted.own[rows[window[0]], window[1]]
-        n = int(of_region.sum())
-        density = sum(float(counted.shown[side[window[0]], window[1]][beside].mean()) for side in (rows, other)) if beside.any() else 0.0
-        if n * density <= _LEAST_BARE:
-            continue
         inside, around = np.zeros((2, *label.shape), bool)
         inside[window], around[window] = of_region, beside
         border = np.zeros(bare.shape, bool)
@@ -200,9 +199,9 @@ def _cuts(name: str, rows: IntArray, bare: BoolArray, strips: _Strips, counted: 
         at, widths = np.flatnonzero(inside.any(axis=0)), (strips.high - strips.low)[rows]
         cut = Cut(
             face=name, from_m=float(at[0] * step), to_m=float((at[-1] + 1) * step), area_m2=float((inside.sum(axis=1) * widths).sum() * step),
-            missed=n * density, deep=int(counted.within[border].sum()), by_chance=_by_chance(border, rows, strips, counted),
+            missed=float(missed[k]), deep=int(counted.within[border].sum()), by_chance=_by_chance(border, rows, strips, counted),
         )  # fmt: skip
-        found.append((cut, n))
+        found.append((cut, int(cells[k])))
     return found
 
 

@@ -6,6 +6,7 @@ The intensity is that of `ends.py`, rho Phi((z - e) / s) + c phi((z - e) / s) / 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +27,7 @@ _MANY = 150  # more points than this in a window are binned where that costs not
 
 @dataclass(frozen=True, kw_only=True)
 class EdgeFit:
-    """An edge, its standard deviation, and the rates that go with it in `window`."""
+    """An edge, its standard deviation, and the rates that go with it in `window`. is_told : by points; else it is a guess."""
 
     edge: float
     std: float
@@ -35,10 +36,11 @@ class EdgeFit:
     clutter: float
     window: tuple[float, float]
     log_likelihood: float
+    is_told: bool = True
 
 
 def unknown(edge: float, std: float, rho: float, window: tuple[float, float]) -> EdgeFit:
-    return EdgeFit(edge=edge, std=std, rho=rho, cap=0.0, clutter=0.0, window=window, log_likelihood=0.0)
+    return EdgeFit(edge=edge, std=std, rho=rho, cap=0.0, clutter=0.0, window=window, log_likelihood=0.0, is_told=False)
 
 
 def edge_fits(z: FloatArray, s: float, reach: float, near: float, caps: list[float], kept: tuple[float, float]) -> tuple[EdgeFit, ...]:
@@ -79,14 +81,15 @@ def _profile(
     return edge_levels(np.array(at), weight, window[0], window[1], s, np.array(edges), ratio, _CLUTTER)
 
 
-def posterior(z: FloatArray, window: tuple[float, float], s: float, caps: list[float]) -> tuple[EdgeFit, ...]:
-    """Mean and spread of the edge over a flat prior, under each cap."""
+def posterior(z: FloatArray, window: tuple[float, float], s: float, caps: list[float], begun: Sequence[EdgeFit] = ()) -> tuple[EdgeFit, ...]:
+    """Mean and spread of the edge over a flat prior, under each cap. begun : what was found under the first of them already."""
+    if len(begun) == len(caps):
+        return tuple(begun)
     at, weight = _binned(z, window, s / _BINS_PER_SIGMA)
-    found: list[EdgeFit] = []
-    best_so_far = -math.inf
-    for ratio in caps:
+    found = list(begun)
+    for ratio in caps[len(begun) :]:
+        best_so_far = max((fit.log_likelihood for fit in found), default=-math.inf)
         found.append(_spread(at, weight, window, s, ratio, best_so_far - _HOPELESS))
-        best_so_far = max(best_so_far, found[-1].log_likelihood)
     return tuple(found)
 
 

@@ -15,7 +15,7 @@ is not square is e = e0 + g . (x, y), taken where BIC prefers it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -110,9 +110,11 @@ def rough_ends(z: FloatArray) -> tuple[float, float]:
     counts = np.minimum(counts, 2 * float(np.median(counts[counts > 0])))  # a scanned cap is a spike, and no member
     i, j = densest_stretch(counts)
     floor = 0.25 * float(np.median(counts[i:j]))
-    while i > 0 and counts[max(i - 2, 0) : i].mean() >= floor > 0:
+    pairs = 0.5 * (counts[1:] + counts[:-1])
+    before, after = np.r_[counts[0], pairs] >= floor, np.r_[pairs, counts[-1]] >= floor
+    while floor > 0 and i > 0 and before[i - 1]:
         i -= 1
-    while j < n_bins and counts[j : j + 2].mean() >= floor > 0:
+    while floor > 0 and j < n_bins and after[j]:
         j += 1
     first, last = _over_gaps(counts, i, j, floor)
     step = (high - low) / n_bins
@@ -221,14 +223,14 @@ def _side(points: FloatArray, rough: tuple[float, float], sigma_m: float, cap_ra
         return _Side(fits={1.0: (unknown(rough[0], 0.05 * span, 1.0, rough),) * len(caps)}, slope=none, slope_std=none, pivot=pivot, excess=excess)
     reach = max(_WINDOW * s, _WINDOW_POINTS / density)
     fits = edge_fits(z, s, reach, rough[0], caps[:2], kept)
-    by_noise = _by_noise(z, s, fits, caps[:2])
+    by_noise = _by_noise(z, s, fits, caps[:2], {1.0: fits})
     slope, slope_std = _tilted_by(xy - pivot, z, s * _likeliest(by_noise), reach, fits, kept)
     level = z - (xy - pivot) @ slope
     if slope.any():
         fits = edge_fits(level, s, reach, rough[0], caps[:2], kept)
-        by_noise = _by_noise(level, s, fits, caps[:2])
+        by_noise = _by_noise(level, s, fits, caps[:2], {1.0: fits})
     by_noise = _followed(by_noise)
-    by_noise = _by_noise(level, s, fits, caps, tuple(by_noise)) or {1.0: fits[:1] * len(caps)}
+    by_noise = _by_noise(level, s, fits, caps, by_noise, tuple(by_noise)) or {1.0: fits[:1] * len(caps)}
     if look is not None:
         by_noise = _looked_across(by_noise, xy, level, s, points[inside, :2], density, look)
     return _Side(fits=by_noise, slope=slope, slope_std=slope_std, pivot=pivot, excess=excess)
@@ -250,9 +252,16 @@ def _tilted_by(
 
 
 def _by_noise(
-    z: FloatArray, s: float, fits: Sequence[EdgeFit], caps: list[float], tried: tuple[float, ...] = (1.0, *_OTHER_NOISE)
+    z: FloatArray,
+    s: float,
+    fits: Sequence[EdgeFit],
+    caps: list[float],
+    begun: Mapping[float, tuple[EdgeFit, ...]],
+    tried: tuple[float, ...] = (1.0, *_OTHER_NOISE),
 ) -> dict[float, tuple[EdgeFit, ...]]:
     """Noise along the axis, over s, that across it -> the edge under each cap, all from the points in one window.
+
+    begun : the same under the first of the caps, where it was found in that window already.
 
     A scanner's noise acts along its rays, which mostly cross a member: its ends are then sharper than its faces. A sharp edge that is taken for
     blurred by s comes out a third of s within itself (-log Phi(e / s) = 1).
@@ -263,7 +272,8 @@ def _by_noise(
         return {}
     found = {}
     for k in tried:
-        under = posterior(own, window, k * s, caps)  # its evidence is told per noise width
+        known = [replace(fit, log_likelihood=fit.log_likelihood - math.log(k)) for fit in begun.get(k, ()) if fit.is_told]
+        under = posterior(own, window, k * s, caps, known)  # its evidence is told per noise width
         found[k] = tuple(replace(fit, log_likelihood=fit.log_likelihood + math.log(k)) for fit in under)
     return found
 

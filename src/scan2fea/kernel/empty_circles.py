@@ -25,7 +25,7 @@ def empty_circles(flat: FloatArray, grid: PlanarGrid | None = None) -> tuple[Flo
 
     grid : of the points, where one is there already.
     """
-    if len(flat) < 3 or not (np.ptp(flat, axis=0) > 0).all():
+    if grid is None and (len(flat) < 3 or not all(np.ptp(row) > 0 for row in flat.T)):
         return np.zeros((0, 2)), np.zeros(0)
     grid = grid or PlanarGrid.of(flat)
     found = _corners(grid.points, grid.cell, grid.first, grid.shape, grid.step, grid.size)

@@ -29,15 +29,16 @@ def patch_noise(patches: FloatArray, weights: FloatArray) -> tuple[FloatArray, F
     for i in range(m):
         if len(weights) > 0:
             weight[:] = weights[i]
+            rms[i], width[i], used[i] = _quadric(patches[i], weight, error, terms)
         else:
-            _own_sheet(patches[i], weight, error, terms)
-        rms[i], width[i], used[i] = _quadric(patches[i], weight, error, terms)
+            rms[i], width[i], used[i] = _own_sheet(patches[i], weight, error, terms)
     return rms, width, used
 
 
 @jit_ieee
-def _own_sheet(patch: FloatArray, weight: FloatArray, error: FloatArray, terms: FloatArray) -> None:
-    """Fills the weights with 1 for the neighbours on the sheet of the point itself (the origin of its patch), 0 for those beyond a gap across it.
+def _own_sheet(patch: FloatArray, weight: FloatArray, error: FloatArray, terms: FloatArray) -> tuple[float, float, float]:
+    """Fills the weights with 1 for the neighbours on the sheet of the point itself (the origin of its patch), 0 for those beyond a gap across it;
+    what `_quadric` says of them.
 
     The scale across is the shortest interval that holds 40 % of the heights: 1.05 sigma for one Gaussian sheet, up to 2.56 sigma for two
     equal ones (a quarter less in small samples). The start keeps twice that around the own height, which is inside a gap of 6 sigma in
@@ -56,10 +57,16 @@ def _own_sheet(patch: FloatArray, weight: FloatArray, error: FloatArray, terms: 
     for j in range(k):
         weight[j] = 1.0 if abs(height[j]) <= _START * scale / 1.05 else 0.0
     for _ in range(_GROWTHS):
-        rms, _width, used = _quadric(patch, weight, error, terms)
+        rms, width, used = _quadric(patch, weight, error, terms)
+        is_whole = True
         if used > 2 * QUADRIC_TERMS:
             for j in range(k):
-                weight[j] = 1.0 if abs(error[j]) <= _KEEP * rms else 0.0
+                kept = 1.0 if abs(error[j]) <= _KEEP * rms else 0.0
+                is_whole = is_whole and kept == weight[j]
+                weight[j] = kept
+        if is_whole:  # the same neighbours have the same quadric
+            return rms, width, used
+    return _quadric(patch, weight, error, terms)
 
 
 @jit_ieee

@@ -31,7 +31,8 @@ class PlanarGrid(Value):
     @classmethod
     def of(cls, flat: FloatArray) -> PlanarGrid:
         """flat : (n, 2), not all on a line along either axis."""
-        low, size = flat.min(axis=0), np.ptp(flat, axis=0)
+        low = np.array([row.min() for row in flat.T])  # column by column: along the short side of an array numpy takes ten times as long
+        size = np.array([row.max() for row in flat.T]) - low
         step = max(math.sqrt(_PER_CELL * float(size[0] * size[1]) / len(flat)), float(size.max()) / len(flat))
         shape = np.ceil(size / step).astype(np.int64)
         points, cell, first = _sorted(np.ascontiguousarray(flat), low, step, shape)

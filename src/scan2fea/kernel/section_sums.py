@@ -63,9 +63,10 @@ def straight_sums(
         by_face[:] = 0.0
         p = 0.0
         for j in range(len(parts)):
+            h, s_part = parts[j, 1], parts[j, 2]
             for k in range(len(lines)):
                 z[k] = ((x if k < n_x else y) - lines[k]) * sharp
-                density[k], slope[k], tail[k] = _kernel(z[k], parts[j, 1], parts[j, 2])
+                density[k], slope[k], tail[k] = _kernel(z[k], h, s_part)
             p += _edges_at(table, share, parts[j, 0] * sharp, sharp, z, density, slope, tail, by_line, by_face, asked)
         level = (1 - eps) * p + stray
         total += math.log(level)

@@ -9,6 +9,7 @@ import numpy as np
 from scan2fea.kernel.distances import distance_to_mesh, sample_surface
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.predicates import self_intersections
+from scan2fea.kernel.surfaces import PLANE, Surface
 from scan2fea.kernel.topology import half_edges, surface_topology
 from scan2fea.types import TriangleMesh
 
@@ -164,3 +165,18 @@ def subdivided(mesh, rounds=1):
     for _ in range(rounds):
         tri = quartered(tri)
     return merged(tri)
+
+
+TOPPED_SIZE = np.array([40.0, 20.0, 10.0])
+
+
+def topped(height, noise, seed=0):
+    """A block whose top is higher by `height(x, y)`, with noise; the side of each face, the top's -1; its five planes."""
+    flat = box(TOPPED_SIZE, 1.0)
+    middle, at = flat.vertices[flat.faces].mean(1), flat.vertices
+    sides = [(k, side) for k in range(3) for side in (-1, 1)]
+    label = np.argmin([np.abs(middle[:, k] - TOPPED_SIZE[k] * (side > 0)) for k, side in sides], axis=0)
+    up = at + np.outer(height(at[:, 0], at[:, 1]) * at[:, 2] / TOPPED_SIZE[2], [0, 0, 1])
+    moved = up + noise * np.random.default_rng(seed).standard_normal(up.shape)
+    planes = [Surface(kind=PLANE, point=TOPPED_SIZE * (side > 0) * np.eye(3)[k], axis=side * np.eye(3)[k]) for k, side in sides[:5]]
+    return TriangleMesh(vertices=moved, faces=flat.faces), TriangleMesh(vertices=up, faces=flat.faces), np.where(label == 5, -1, label), planes

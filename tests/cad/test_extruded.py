@@ -5,28 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from predicates import box
+from predicates import topped
 from scan2fea.cad.extruded import EXTRUDED, with_extruded
 from scan2fea.cad.live import is_valid
 from scan2fea.cad.readback import volume_of
 from scan2fea.cad.traced import traced_solid
 from scan2fea.kernel.measures import volume
-from scan2fea.kernel.surfaces import PLANE, Surface
-from scan2fea.types import TriangleMesh
-
-SIZE = np.array([40.0, 20.0, 10.0])
-
-
-def topped(height, noise, seed=0):
-    """A block whose top is higher by `height(x, y)`, with noise; the side of each face, the top's -1; its five planes."""
-    flat = box(SIZE, 1.0)
-    middle, at = flat.vertices[flat.faces].mean(1), flat.vertices
-    sides = [(k, side) for k in range(3) for side in (-1, 1)]
-    label = np.argmin([np.abs(middle[:, k] - SIZE[k] * (side > 0)) for k, side in sides], axis=0)
-    up = at + np.outer(height(at[:, 0], at[:, 1]) * at[:, 2] / SIZE[2], [0, 0, 1])
-    moved = up + noise * np.random.default_rng(seed).standard_normal(up.shape)
-    planes = [Surface(kind=PLANE, point=SIZE * (side > 0) * np.eye(3)[k], axis=side * np.eye(3)[k]) for k, side in sides[:5]]
-    return TriangleMesh(vertices=moved, faces=flat.faces), TriangleMesh(vertices=up, faces=flat.faces), np.where(label == 5, -1, label), planes
 
 
 def wave(x, y):

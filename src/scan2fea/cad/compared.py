@@ -61,11 +61,12 @@ class Compared:
     holes: tuple[int, int] = (0, 0)
 
 
-def compared(solid: Any, mesh: TriangleMesh, points: FloatArray, middle: FloatArray, scale: Scale) -> Compared:
+def compared(solid: Any, mesh: TriangleMesh, points: FloatArray, middle: FloatArray, scale: Scale, within_m: float = 0.0) -> Compared:
     """The solid (millimetres around `middle`) against the surface and the measured points, metres.
 
     Where another number of holes goes through them, one of the two invents: a hole that nobody saw the wall of, or a skin over one. The surface
     does where it runs off the solid and not a point lies there: each true face has its points, and the surface has a face more. Else it stands.
+    within_m : see `triangles_of`.
     """
     from OCP.TopAbs import TopAbs_SOLID
 
@@ -74,7 +75,7 @@ def compared(solid: Any, mesh: TriangleMesh, points: FloatArray, middle: FloatAr
     volume, wanted = volume_of(solid) / MILLIMETRES_PER_METRE**3, enclosed_volume(mesh)
     if abs(volume / wanted - 1) > VOLUME_OFF:
         return Compared(problem=f"the solid of true faces holds {volume / wanted - 1:+.1%} of the volume of the surface more")
-    shown, _ = triangles_of(solid, middle, scale.tolerance_m)
+    shown, _ = triangles_of(solid, middle, scale.tolerance_m, within_m)
     if not _closes(shown):  # no tets come of it
         return Compared(problem="the triangles of the true faces do not close")
     holes = surface_topology(shown).n_handles, surface_topology(mesh).n_handles

@@ -176,6 +176,19 @@ class Meeting:
         chains = [self.network.chains[k] for k, edge in edges.items() if edge.off > tolerance / 2]
         return {int(self.network.surface[k]) for k in chain(chain.from_iterable(off), *((c.left, c.right) for c in chains))}
 
+    def unmet(self, tolerance: float, edges: Mapping[int, Edge]) -> list[tuple[set[int], IntArray]]:
+        """The surfaces and the vertices of each corner that lies farther than half the tolerance off one of its surfaces, and of each edge that does
+        between good corners.
+        """
+        own = self.network.surface
+        bad = {v for v, corner in self.corners.items() if corner.off > tolerance / 2}
+        out = [({int(own[k]) for k in self._regions[v]}, np.array([w for w, k in self.corner_of.items() if k == v])) for v in bad]
+        for k, edge in edges.items():
+            if edge.off > tolerance / 2 and not {edge.first, edge.last} & bad:
+                border = self.network.chains[k]
+                out.append(({int(own[border.left]), int(own[border.right])}, border.vertices))
+        return [(names - {-1}, vertices) for names, vertices in out]
+
     def bridges(self, tolerance: float, edges: Mapping[int, Edge]) -> list[tuple[IntArray, int]]:
         """Short borders of two surfaces that do not meet there, both ends on one third: noise let them touch across it. Their vertices, the third."""
         out, own = [], self.network.surface
@@ -204,7 +217,7 @@ class Meeting:
         border = self.network.chains[number]
         first, last = (self.corner_of[int(border.vertices[k])] for k in (0, -1))
         ends = self.corners[first].at, self.corners[last].at
-        if self._is_facet(number):
+        if self._is_facet(number) and len(border.vertices) == 2:
             beside = [self.surfaces[k] for side in (border.left, border.right) if (k := int(self.network.surface[side])) >= 0]
             middle = (ends[0] + ends[1])[None] / 2
             off = max((float(np.abs(s.distance(middle))[0]) for s in beside), default=0.0)

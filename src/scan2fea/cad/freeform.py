@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from scan2fea.cad.brep import OCC_RESOLUTION_M
-from scan2fea.cad.live import is_valid, moved_by, parts, pnt
+from scan2fea.cad.live import is_valid, moved_by, parts
+from scan2fea.cad.occ import bspline_surface
 from scan2fea.cad.quads import SAMPLES, Quads, quads_on
 from scan2fea.cad.readback import read_back, volume_of
 from scan2fea.cad.step_occ import named, step_of_solid
@@ -44,14 +45,21 @@ READS_BACK = 1e-6
 class Patched(Value):
     """controls : (q, n, n, 3) control points.   off_m : (q,) largest distance of each patch to the surface, both ways.   p95_m : of all points.
 
-    is_folded : (q,) patches that turn over somewhere.   across_deg : (e,) angle at the middle of every border between its patches.
+    rms_m : (q,) of each patch from the surface.   folded : (q,) share of each that turns over.   across_deg : (e,) angle at the middle of each
+    border between its patches.
     """
 
     controls: FloatArray
     off_m: FloatArray
     p95_m: float
-    is_folded: BoolArray
+    rms_m: FloatArray
+    folded: FloatArray
     across_deg: FloatArray
+
+    @property
+    def is_folded(self) -> BoolArray:
+        """(q,) patches that turn over somewhere."""
+        return np.asarray(self.folded > 0)
 
 
 def patched_solid(mesh: TriangleMesh, *, spacing_m: float, noise_m: float) -> Trued:
@@ -133,7 +141,8 @@ def _measured(control: FloatArray, quads: Quads, mesh: TriangleMesh) -> Patched:
     cosine = np.einsum("ij,ij->i", on_side[pair[:, 0]], on_side[pair[:, 1]])
     return Patched(
         controls=control, off_m=off, p95_m=float(np.percentile(np.concatenate([under.distance, back.distance]), 95)),
-        is_folded=np.asarray(facing.reshape(len(points), -1).min(1) < FOLDED), across_deg=np.degrees(np.arccos(np.clip(cosine, -1, 1))),
+        rms_m=np.sqrt((under.distance.reshape(len(points), -1) ** 2).mean(1)),
+        folded=np.asarray((facing.reshape(len(points), -1) < FOLDED).mean(1)), across_deg=np.degrees(np.arccos(np.clip(cosine, -1, 1))),
     )  # fmt: skip
 
 
@@ -193,7 +202,7 @@ def sewn(controls: FloatArray) -> Any | None:
 
     sewing = BRepBuilderAPI_Sewing(SEWING_MM)
     for control in controls:
-        sewing.Add(BRepBuilderAPI_MakeFace(_surface(control), SEWING_MM).Face())
+        sewing.Add(BRepBuilderAPI_MakeFace(bspline_surface(control, SPANS, DEGREE), SEWING_MM).Face())
     sewing.Perform()
     shells = parts(sewing.SewedShape(), TopAbs_SHELL)
     if len(shells) != 1 or sewing.NbFreeEdges():
@@ -201,19 +210,3 @@ def sewn(controls: FloatArray) -> Any | None:
     solid = BRepBuilderAPI_MakeSolid(TopoDS.Shell(shells[0])).Solid()
     BRepLib.OrientClosedSolid_s(solid)
     return solid
-
-
-def _surface(control: FloatArray) -> Any:
-    from OCP.collections import Array1_double, Array1_int, Array2_gp_Pnt
-    from OCP.Geom import Geom_BSplineSurface
-
-    n = control.shape[0]
-    poles = Array2_gp_Pnt(1, n, 1, n)
-    for i in range(n):
-        for j in range(n):
-            poles.SetValue(i + 1, j + 1, pnt(control[i, j]))
-    knots, times = Array1_double(1, SPANS + 1), Array1_int(1, SPANS + 1)
-    for k, value in enumerate(np.linspace(0, 1, SPANS + 1)):
-        knots.SetValue(k + 1, float(value))
-        times.SetValue(k + 1, DEGREE + 1 if k in (0, SPANS) else 1)
-    return Geom_BSplineSurface(poles, knots, knots, times, times, DEGREE, DEGREE)

@@ -50,17 +50,26 @@ class Network(Value):
             cuts[halves] = surface.point, square / np.linalg.norm(square)
         return replace(self, cuts=cuts)
 
+    def tiled(self, mesh: TriangleMesh, tiles: IntArray, n: int) -> Network:
+        """The same with `n` tiles, the first of them number len(surface), for the regions cut. tiles : (m,) of each face, n or more elsewhere."""
+        label = np.where(tiles < n, len(self.surface) + tiles, self.label)
+        chains = _chains(mesh, label, edge_table(mesh.faces), np.zeros(0, np.int64))
+        return replace(self, label=label, surface=np.append(self.surface, np.full(n, -1)), chains=chains)
 
-def network_of(mesh: TriangleMesh, label: IntArray, surfaces: Sequence[Surface], wall: BoolArray | None = None) -> Network:
+
+def network_of(
+    mesh: TriangleMesh, label: IntArray, surfaces: Sequence[Surface], wall: BoolArray | None = None, free: IntArray | None = None
+) -> Network:
     """The network of a closed manifold mesh. label : (m,) surface of each face, -1 where the nearest beside it is to be taken.
 
-    wall : (m,) faces of walls of free form: regions each.
+    wall : (m,) faces of walls of free form: regions each.   free : (m,) number of the piece of free form that each is of, a region; -1 of none.
     """
     table = edge_table(mesh.faces)
     beside = table.twin.reshape(-1, 3) // 3
     label = label.copy() if wall is None else np.where(wall, len(surfaces), label)
+    label = label if free is None else np.where(free >= 0, len(surfaces) + free, label)
     label = _tidy(mesh, _filled(mesh, label, surfaces, beside), surfaces, table)
-    facets = np.flatnonzero(label == len(surfaces))
+    facets = np.flatnonzero(label == len(surfaces)) if free is None else np.zeros(0, np.int64)
     label[facets] += np.arange(len(facets))
     part = _parts(mesh, label, table)
     region = np.zeros(int(part.max()) + 1, np.int64)

@@ -69,6 +69,41 @@ def bezier_surface(control: FloatArray, u: tuple[float, float], v: tuple[float, 
     return Geom_BSplineSurface(poles, *knots, *times, p - 1, q - 1)
 
 
+def bspline_curve(control: FloatArray, spans: int, degree: int) -> Any:
+    """A curve over [0, 1] of (spans + degree, 3) control points, its knots even and clamped."""
+    from OCP.collections import Array1_gp_Pnt
+    from OCP.Geom import Geom_BSplineCurve
+
+    poles = Array1_gp_Pnt(1, len(control))
+    for i, at in enumerate(control):
+        poles.SetValue(i + 1, point(at))
+    return Geom_BSplineCurve(poles, *_even_knots(spans, degree), degree)
+
+
+def bspline_surface(control: FloatArray, spans: int, degree: int) -> Any:
+    """A surface over [0, 1] x [0, 1] of (spans + degree)^2 control points, its knots even and clamped either way."""
+    from OCP.collections import Array2_gp_Pnt
+    from OCP.Geom import Geom_BSplineSurface
+
+    n = control.shape[0]
+    poles = Array2_gp_Pnt(1, n, 1, n)
+    for i in range(n):
+        for j in range(n):
+            poles.SetValue(i + 1, j + 1, point(control[i, j]))
+    knots, times = _even_knots(spans, degree)
+    return Geom_BSplineSurface(poles, knots, knots, times, times, degree, degree)
+
+
+def _even_knots(spans: int, degree: int) -> tuple[Any, Any]:
+    from OCP.collections import Array1_double, Array1_int
+
+    knots, times = Array1_double(1, spans + 1), Array1_int(1, spans + 1)
+    for k in range(spans + 1):
+        knots.SetValue(k + 1, k / spans)
+        times.SetValue(k + 1, degree + 1 if k in (0, spans) else 1)
+    return knots, times
+
+
 def drawn_surface(control: FloatArray, knots: FloatArray, along: FloatArray) -> Any:
     """The B-spline surface of a curve, (n, 3) poles over (n + degree + 1,) clamped knots, drawn along a vector.
 

@@ -7,6 +7,7 @@ is near in space but far along the surface, such as the other side of a wall.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,10 +17,11 @@ from scan2fea.cad.charts import angles, flattened, located, loop_vertices
 from scan2fea.cad.tiles import Tiles
 from scan2fea.kernel.distances import nearest_on_triangle
 from scan2fea.kernel.jit import jit
-from scan2fea.types import FloatArray, IntArray, TriangleMesh, Value
+from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 
 SAMPLES = 13  # points along every border
 ROUNDS = 40  # of sliding
+NONE_HELD: Mapping[int, FloatArray] = {}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -47,11 +49,15 @@ class _Layout(Value):
     weights: FloatArray
 
 
-def quads_on(mesh: TriangleMesh, tiles: Tiles) -> Quads:
-    """k patches per tile of k corners."""
+def quads_on(mesh: TriangleMesh, tiles: Tiles, held: Mapping[int, FloatArray] = NONE_HELD) -> Quads:
+    """k patches per tile of k corners. held : (2 S - 1, 3) places of the points of borders that do not slide, from corner to corner."""
     layout = _laid(mesh, tiles)
     start = np.einsum("nk,nkx->nx", layout.weights, mesh.vertices[mesh.faces[layout.face]])
-    places = _slid(mesh, start, layout.face, _neighbours(layout.grids, len(start)))
+    slides = np.ones(len(start), bool)
+    for arc, places in held.items():
+        nodes = np.append(layout.curves[2 * arc], layout.curves[2 * arc + 1, -2::-1])
+        start[nodes], slides[nodes] = places, False
+    places = _slid(mesh, start, layout.face, _neighbours(layout.grids, len(start)), slides)
     return Quads(curves=places[layout.curves], sides=layout.sides, grids=places[layout.grids], tile=layout.tile)
 
 
@@ -150,22 +156,24 @@ def _neighbours(grids: IntArray, n: int) -> tuple[IntArray, IntArray]:
     return links.indptr.astype(np.int64), links.indices.astype(np.int64)
 
 
-def _slid(mesh: TriangleMesh, start: FloatArray, face: IntArray, links: tuple[IntArray, IntArray]) -> FloatArray:
+def _slid(mesh: TriangleMesh, start: FloatArray, face: IntArray, links: tuple[IntArray, IntArray], slides: BoolArray) -> FloatArray:
     corner = np.argsort(mesh.faces.ravel(), kind="stable")
     first = np.concatenate([[0], np.cumsum(np.bincount(mesh.faces.ravel(), minlength=len(mesh.vertices)))])
-    return _slide(start, face.copy(), *links, mesh.vertices, mesh.faces, first, corner // 3, ROUNDS)
+    return _slide(start, face.copy(), slides, *links, mesh.vertices, mesh.faces, first, corner // 3, ROUNDS)
 
 
 @jit
 def _slide(
-    start: FloatArray, face: IntArray, first: IntArray, beside: IntArray, vertices: FloatArray, faces: IntArray, star: IntArray, fan: IntArray,
-    rounds: int,
+    start: FloatArray, face: IntArray, slides: BoolArray, first: IntArray, beside: IntArray, vertices: FloatArray, faces: IntArray, star: IntArray,
+    fan: IntArray, rounds: int,
 ) -> FloatArray:  # fmt: skip
-    """Every node to the mean of its neighbours, then back to the surface, all nodes at once; `face` is where each is and is kept up to date."""
+    """Every node that slides to the mean of its neighbours, then back to the surface, all at once; `face` is where each is and is kept up to date."""
     places, after = start.copy(), start.copy()
     goal, scratch = np.empty(3), np.empty((6, 3))
     for _ in range(rounds):
         for n in range(len(places)):
+            if not slides[n]:
+                continue
             goal[:] = 0.0
             for k in range(first[n], first[n + 1]):
                 for x in range(3):

@@ -52,6 +52,11 @@ def walls_of(mesh: TriangleMesh, patches: Patches, reach: float) -> list[IntArra
     return [rows[part == number] for number in range(n)]
 
 
+def beyond(mesh: TriangleMesh, patches: Patches, reach: float) -> BoolArray:
+    """(m,) faces of free form that reaches farther than `reach` from every surface beside it."""
+    return _far(Near(mesh, 0), patches.label, patches.surfaces, reach)
+
+
 def _far(near: Near, label: IntArray, surfaces: Sequence[Surface], reach: float) -> BoolArray:
     """(m,) faces on no surface with a corner farther than `reach` from each that is beside their part of the free form."""
     out = np.zeros(len(label), bool)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -12,23 +11,26 @@ import numpy as np
 from scan2fea.cad.bores import bored
 from scan2fea.cad.brep import CadOptions
 from scan2fea.cad.cells import cell_solid
-from scan2fea.cad.compared import FIT_POINTS, LEFT_OUT, Compared, Scale, compared
+from scan2fea.cad.compared import FIT_POINTS, LEFT_OUT, Compared, Scale, compared, triangles_of
 from scan2fea.cad.evidence import asked_for
 from scan2fea.cad.extruded import with_extruded
 from scan2fea.cad.fillets import Fillet, fitted_fillets, renumbered, rounded, without_fillets
+from scan2fea.cad.freeform import tolerance
 from scan2fea.cad.live import is_valid
 from scan2fea.cad.patches import Patches, segmented
+from scan2fea.cad.quilted import quilted_solid
 from scan2fea.cad.resting import Resting, resting_planes
 from scan2fea.cad.revolved import turned_solid
-from scan2fea.cad.rims import with_rims
+from scan2fea.cad.rims import Rimmed, with_rims
 from scan2fea.cad.rolled import with_rings_and_balls
 from scan2fea.cad.roundings import free_share, smooth_share, unexplained, widened, without_roundings
-from scan2fea.cad.sheets import MOST_AREA, MOST_TRIANGLES, sewn_sheet, sheet, walls_of, without_walls
+from scan2fea.cad.sheets import FACET, MOST_AREA, MOST_TRIANGLES, RINGS, beyond, sewn_sheet, sheet, walls_of, without_walls
 from scan2fea.cad.tangent import touching
 from scan2fea.cad.traced import Traced, traced_solid
 from scan2fea.cad.trued import Trued, covariance_in_mm, fits_of, in_mm, no_solid, trued
 from scan2fea.kernel.distances import PointToMesh
-from scan2fea.kernel.measures import extent, face_areas
+from scan2fea.kernel.measures import extent, face_areas, face_normals
+from scan2fea.kernel.measures import volume as enclosed_volume
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.surfaces import SPHERE, Surface
 from scan2fea.types import FloatArray, IntArray, TriangleMesh, Value
@@ -41,6 +43,9 @@ TOLERANCES = (1.0, 2.0)  # times the noise of the vertices for which the segment
 MARGINS = (1.0, 3.0, 8.0)  # times the reach by which faces are drawn beyond their region
 SMOOTH = 0.5  # share of the borders of patches without an angle: more is free form in pieces (0 to 0.3 on bodies of few faces, 0.83 on a blob)
 UNEXPLAINED = 0.004  # share of the area that may lie on no surface: more is free form
+FREED = 3  # rounds in which what lies off a solid becomes free form
+CLOSELY = 0.03  # spacings, besides the noise, that patches may lie off the surface (rms)
+BIAS, REFUSES = 0.003, 4.0  # of the volume; standard deviations by which the points of a face may lie to one side of it
 SCRAPS = 0.01  # of the area: surfaces that a wider tolerance does without
 NOTHING_TOLD: Mapping[int, FloatArray] = {}
 NO_FILLETS = "rounded edges could not be made"
@@ -83,7 +88,7 @@ def true_solid(
     if asked is not None and is_large:
         found = _traced(mesh, points, asked, near, scale, stands)
         if found.brep is not None:
-            return found
+            return _fewest([found, _quilted(mesh, points, Rimmed(patches=asked, told={}), scale, stands)], "") if _n_facets(found) else found
     mixed: list[Patches] = []
     for factor, patches, sharp, fillets in _candidates(mesh, near, known, scale, raw, asked if near.density else None):
         lost = unexplained(mesh, patches, factor * scale.reach_m, near.face, near.density)
@@ -110,12 +115,53 @@ def true_solid(
             break
         mixed.append(patches)
     asked = asked or _asked(mesh, raw, near, known, scale)
-    rimmed = _rimmed(mesh, points, asked, raw, near, scale, stands)
-    if rimmed.brep is not None:
+    found = _without_cells(mesh, points, asked, raw, near, scale, stands, is_traced=is_large)
+    return found if found.brep is not None else _fewest([_mixed(mesh, points, p, scale, stands) for p in mixed], reason)
+
+
+def quilted_true_solid(
+    mesh: TriangleMesh,
+    points: FloatArray,
+    options: CadOptions = CadOptions(),
+    *,
+    spacing_m: float,
+    noise_m: float,
+    resting: tuple[FloatArray, FloatArray] | None = None,
+) -> Trued:
+    """The same with NURBS patches wherever surfaces meet in no edges, also where cells close a solid: one that cannot be meshed, say."""
+    scale = Scale(spacing_m=spacing_m, noise_m=noise_m, size_m=extent(mesh.vertices))
+    if not options.true_faces or not options.patches:
+        return no_solid("cad.true_faces or cad.patches is off")
+    stands = [] if resting is None else resting_planes(*resting, scale.tolerance_m)
+    known = [r.surface for r in stands]
+    near = _measured(mesh, points, scale)
+    raw = _segmented(mesh, near, known, scale, TOLERANCES[0])
+    return _quilted(mesh, points, _rims(mesh, points, _asked(mesh, raw, near, known, scale), raw, near, scale, stands), scale, stands)
+
+
+def _without_cells(
+    mesh: TriangleMesh, points: FloatArray, asked: Patches, raw: Patches, near: Measured, scale: Scale, stands: Sequence[Resting], *, is_traced: bool
+) -> Trued:
+    """By rims, traced, and with NURBS patches for what meets in no edges: the first without facets, else that of fewest faces."""
+    rimmed, rims = _rimmed(mesh, points, asked, raw, near, scale, stands)
+    if rimmed.brep is not None and not _n_facets(rimmed):
         return rimmed
-    last = [] if is_large else [_traced(mesh, points, asked, near, scale, stands)]
-    made = next((f for f in chain(last, (_mixed(mesh, points, p, scale, stands) for p in mixed)) if f.brep is not None), None)
-    return no_solid(reason) if made is None else made
+    last = no_solid("") if is_traced else _traced(mesh, points, asked, near, scale, stands)
+    if last.brep is not None and not _n_facets(last):
+        return last
+    return _fewest([rimmed, last, _quilted(mesh, points, rims, scale, stands)], "")
+
+
+def _fewest(found: Sequence[Trued], reason: str) -> Trued:
+    return min((f for f in found if f.brep is not None), key=_n_faces, default=no_solid(reason))
+
+
+def _n_faces(found: Trued) -> int:
+    return 0 if found.brep is None else len(found.brep.face_kinds)
+
+
+def _n_facets(found: Trued) -> int:
+    return 0 if found.brep is None else found.brep.face_kinds.count(FACET)
 
 
 def _measured(mesh: TriangleMesh, points: FloatArray, scale: Scale) -> Measured:
@@ -266,15 +312,24 @@ def _mixed(mesh: TriangleMesh, points: FloatArray, patches: Patches, scale: Scal
     return _built(mesh, points, without_walls(patches, walls), scale, stands, may_cut=True, walls=walls)
 
 
-def _rimmed(mesh: TriangleMesh, points: FloatArray, patches: Patches, raw: Patches, near: Measured, scale: Scale, stands: Sequence[Resting]) -> Trued:
-    """The solid whose rims, too narrow for patches, are told by the walls beside them."""
+def _rimmed(
+    mesh: TriangleMesh, points: FloatArray, patches: Patches, raw: Patches, near: Measured, scale: Scale, stands: Sequence[Resting]
+) -> tuple[Trued, Rimmed]:
+    """The solid whose rims, too narrow for patches, are told by the walls beside them; and the patches with these."""
+    found = _rims(mesh, points, patches, raw, near, scale, stands)
+    if not found.told:
+        return no_solid(""), found
+    made = _built(mesh, points, found.patches, scale, stands, may_cut=smooth_share(mesh, found.patches) <= SMOOTH, told=found.told)
+    return made if made.brep is not None else _traced(mesh, points, found.patches, near, scale, stands, found.told), found
+
+
+def _rims(
+    mesh: TriangleMesh, points: FloatArray, patches: Patches, raw: Patches, near: Measured, scale: Scale, stands: Sequence[Resting]
+) -> Rimmed:
     fits = fits_of(mesh, points, patches, scale, stands)[0]
     straight = replace(patches, surfaces=tuple(f.surface for f in fits))
     found = with_rims(mesh, straight, raw, near.points, near.face, scale.tolerance_m, scale.reach_m)
-    if not found.told:
-        return no_solid("")
-    made = _built(mesh, points, found.patches, scale, stands, may_cut=smooth_share(mesh, found.patches) <= SMOOTH, told=found.told)
-    return made if made.brep is not None else _traced(mesh, points, found.patches, near, scale, stands, found.told)
+    return found if found.told else Rimmed(patches=patches, told={})
 
 
 def _asked(mesh: TriangleMesh, raw: Patches, near: Measured, known: list[Surface], scale: Scale) -> Patches:
@@ -326,6 +381,63 @@ def _traced(
         if found.problem:
             return no_solid(first)
     return trued(made.solid, middle, scale, snaps, found, drawn=made.surfaces if made.n_facets else None)
+
+
+def _quilted(mesh: TriangleMesh, points: FloatArray, rims: Rimmed, scale: Scale, stands: Sequence[Resting]) -> Trued:
+    """True faces where surfaces explain the points and meet in edges, and NURBS patches for the rest."""
+    patches, told = rims.patches, rims.told
+    if free_share(mesh, patches) > MOST_AREA or smooth_share(mesh, patches) > SMOOTH or not 2 <= len(patches.surfaces) <= MAX_TRACED:
+        return no_solid("most of the area is free form")
+    fits, snaps, _ = fits_of(mesh, points, patches, scale, stands, radii=False, told=told)
+    middle = (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2
+    mm = MILLIMETRES_PER_METRE
+    local = TriangleMesh(vertices=(mesh.vertices - middle) * mm, faces=mesh.faces)
+    free = beyond(mesh, replace(patches, surfaces=tuple(f.surface for f in fits)), scale.reach_m)
+    surfaces, covariances = [in_mm(f.surface, middle) for f in fits], [covariance_in_mm(f) for f in fits]
+    closely = scale.tolerance_m * mm, scale.spacing_m * mm
+    limits = tolerance(scale.spacing_m, scale.noise_m) * mm, (scale.noise_m + CLOSELY * scale.spacing_m) * mm
+    used = points[sampled_rows(len(points), FIT_POINTS, 0)]
+    label, volume = patches.label[PointToMesh(mesh).nearest(used).face], enclosed_volume(mesh)
+    reason = ""
+    for _ in range(FREED):
+        made = quilted_solid(local, patches.label, surfaces, covariances, *closely, free, *limits, scale.reach_m * mm)
+        if made.solid is None or not is_valid(made.solid):
+            return no_solid(reason or made.reason or "the faces close no valid solid")
+        found = compared(made.solid, mesh, points, middle, scale, made.within / mm)
+        shown = triangles_of(made.solid, middle, scale.tolerance_m, made.within / mm)[0]
+        bias, std, refused = _bias(shown, used, label, volume)
+        if not found.problem and abs(bias) <= BIAS + std:
+            return trued(made.solid, middle, scale, snaps, found, within_m=made.within / mm, n_patches=made.n_patches)
+        reason = reason or found.problem or f"the points say that true faces and patches hold {bias:+.1%} of the volume too much"
+        if found.problem:
+            off = PointToMesh(shown).nearest(mesh.vertices).distance > scale.stray_m
+            more = made.free.copy()
+            for _ in range(RINGS):
+                more |= off[mesh.faces].any(1)
+                off[mesh.faces[off[mesh.faces].any(1)]] = True
+        else:
+            more = made.free | np.isin(patches.label, refused)
+        if (more == free).all():
+            break
+        free = more
+    return no_solid(reason)
+
+
+def _bias(shown: TriangleMesh, points: FloatArray, label: IntArray, volume: float) -> tuple[float, float, list[int]]:
+    """By how much of its volume a solid is too large by the points, its standard deviation, and the surfaces whose points refuse them for part of it.
+
+    label : (n,) surface of each point, -1 of none. The surface through the points rounds creases off, the points do not.
+    """
+    at = PointToMesh(shown).nearest(points)
+    nearest = np.einsum("nk,nkx->nx", at.weights, shown.vertices[shown.faces[at.face]])
+    off = -np.einsum("ij,ij->i", points - nearest, face_normals(shown)[at.face]) * float(face_areas(shown).sum()) / volume
+    refused = []
+    for k in np.unique(label[label >= 0]).tolist():
+        own = off[label == k]
+        part = float(own.sum()) / len(off)
+        if abs(part) > BIAS / 3 and abs(float(own.mean())) > REFUSES * float(own.std()) / len(own) ** 0.5:
+            refused.append(k)
+    return float(off.mean()), float(off.std()) / len(off) ** 0.5, refused
 
 
 def _with_fillets(solid: Any | None, fillets: Sequence[Fillet], drawn: Sequence[Surface], local: TriangleMesh) -> tuple[Any | None, str]:

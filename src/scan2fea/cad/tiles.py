@@ -36,9 +36,10 @@ class Arc(Value):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Tiles(Value):
-    """label : (m,) tile of each triangle, 0 .. n - 1.   seeds : (n,) a triangle of each.   arcs : all borders.
+    """label : (m,) tile of each triangle, 0 .. n - 1; n or more of those that are not tiled.   seeds : (n,) a triangle of each.
 
-    loops : per tile its borders, counter-clockwise: arc, or ~arc where it runs backwards.
+    arcs : all borders of tiles; on their right may lie what is not tiled.   loops : per tile its borders, counter-clockwise: arc, or ~arc where it
+    runs backwards.
     """
 
     label: IntArray
@@ -49,24 +50,32 @@ class Tiles(Value):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Web(Value):
-    """What tiles are cut from. graph : (m, m) ways from the middle of each triangle to those beside it.   centre : (m, 3).   area : (m,)."""
+    """What tiles are cut from. graph : (m, m) ways from the middle of each triangle to those beside it.   centre : (m, 3).   area : (m,).
+
+    part : (m,) region of each triangle, which no tile leaves.   is_tiled : (p,) regions that are cut.
+    """
 
     faces: IntArray
     table: EdgeTable
     graph: Any
     centre: FloatArray
     area: FloatArray
+    part: IntArray
+    is_tiled: BoolArray
 
 
-def web_of(mesh: TriangleMesh) -> Web:
-    """Of a closed manifold surface. Raises CadError where it has borders."""
+def web_of(mesh: TriangleMesh, part: IntArray | None = None, is_tiled: BoolArray | None = None) -> Web:
+    """Of a closed manifold surface, cut all over unless its parts are given. Raises CadError where it has borders."""
+    part = np.zeros(len(mesh.faces), np.int64) if part is None else part
+    is_tiled = np.ones(int(part.max()) + 1, bool) if is_tiled is None else is_tiled
     table = edge_table(mesh.faces)
     require(bool((table.twin >= 0).all()), CadError, "tiles need a closed surface; repair it first")
     i, j = np.arange(len(table.twin)) // 3, table.twin // 3
     centre = mesh.vertices[mesh.faces].mean(1)
     way = np.linalg.norm(centre[i] - centre[j], axis=1)
-    graph = coo_array((np.maximum(way, 1e-12 * way.max()), (i, j)), shape=(len(centre),) * 2).tocsr()
-    return Web(faces=mesh.faces, table=table, graph=graph, centre=centre, area=face_areas(mesh))
+    kept = (part[i] == part[j]) & is_tiled[part[i]]
+    graph = coo_array((np.maximum(way, 1e-12 * way.max())[kept], (i[kept], j[kept])), shape=(len(centre),) * 2).tocsr()
+    return Web(faces=mesh.faces, table=table, graph=graph, centre=centre, area=face_areas(mesh), part=part, is_tiled=is_tiled)
 
 
 def spread(web: Web, n: int) -> IntArray:
@@ -99,9 +108,10 @@ def tiles_at(web: Web, seeds: IntArray) -> Tiles | None:
     """The tiles round these triangles, and round more where one is no disk with two corners at least; None where they cannot be parted."""
     for _ in range(MENDINGS):
         label, distance = _nearest(web, seeds)
-        label = _without_pinches(_smooth(label, web.table), web.faces, web.table)
+        label = np.where(web.is_tiled[web.part], label, len(seeds) + web.part)
+        label = _without_pinches(_smooth(label, web), len(seeds), web)
         kept, label = np.unique(label, return_inverse=True)  # a tile of few triangles may have gone to those beside it
-        seeds = seeds[kept]
+        seeds = seeds[kept[kept < len(seeds)]]
         found = _traced(label, seeds, web.faces, web.table)
         if isinstance(found, Tiles):
             return found
@@ -133,22 +143,30 @@ def _farthest(label: IntArray, distance: FloatArray, tile: int) -> int:
     return int(rows[np.argmax(distance[rows])])
 
 
-def _smooth(label: IntArray, table: EdgeTable) -> IntArray:
+def _smooth(label: IntArray, web: Web) -> IntArray:
     """Triangles with two neighbours in one other tile go to it: borders without spikes. Every second triangle at a time, so that two never swap."""
-    beside = (table.twin // 3).reshape(-1, 3)
+    beside = (web.table.twin // 3).reshape(-1, 3)
+    part = _part_of(label, web)
     for turn in range(2 * SMOOTHINGS):
         near = label[beside]
         other = np.where(near[:, 0] == near[:, 1], near[:, 0], np.where((near[:, 2] == near[:, 0]) | (near[:, 2] == near[:, 1]), near[:, 2], label))
-        change = (other != label) & ((near == label[:, None]).sum(1) < 2) & (np.arange(len(label)) % 2 == turn % 2)
+        change = (other != label) & ((near == label[:, None]).sum(1) < 2) & (np.arange(len(label)) % 2 == turn % 2) & (part[other] == web.part)
         label = np.where(change, other, label)
     return label
 
 
-def _without_pinches(label: IntArray, faces: IntArray, table: EdgeTable) -> IntArray:
-    """Where a tile touches itself at a vertex the smaller of its two fans there goes to the tile beside it."""
-    label = label.copy()
+def _part_of(label: IntArray, web: Web) -> IntArray:
+    """The region of each tile."""
+    out = np.full(int(label.max()) + 1, -1)
+    out[label] = web.part
+    return out
+
+
+def _without_pinches(label: IntArray, n: int, web: Web) -> IntArray:
+    """Where one of `n` tiles touches itself at a vertex the smaller of its two fans there goes to the tile beside it."""
+    label, part, faces, table = label.copy(), _part_of(label, web), web.faces, web.table
     for _ in range(SMOOTHINGS):
-        pinched = np.flatnonzero(_pinched(label, faces, table))
+        pinched = np.flatnonzero(_pinched(label, n, faces, table))
         if not len(pinched):
             break
         first = np.full(int(faces.max()) + 1, -1)
@@ -157,7 +175,7 @@ def _without_pinches(label: IntArray, faces: IntArray, table: EdgeTable) -> IntA
             fan = _fan(int(first[vertex]), table.twin)
             runs = _runs(label[fan])
             names = [label[fan[run[0]]] for run in runs]
-            doubled = [k for k, name in enumerate(names) if names.count(name) > 1]
+            doubled = [k for k, name in enumerate(names) if names.count(name) > 1 and part[names[(k + 1) % len(names)]] == part[name]]
             if doubled:
                 k = min(doubled, key=lambda k: (len(runs[k]), fan[runs[k][0]]))
                 label[fan[runs[k]]] = names[(k + 1) % len(names)]
@@ -188,12 +206,13 @@ def _border(label: IntArray, table: EdgeTable) -> BoolArray:
     return np.asarray(label[np.arange(len(table.twin)) // 3] != label[table.twin // 3])
 
 
-def _pinched(label: IntArray, faces: IntArray, table: EdgeTable) -> BoolArray:
-    """(n,) vertices round which some tile comes twice."""
-    n = int(faces.max()) + 1
-    changes = np.bincount(faces.ravel()[_border(label, table)], minlength=n)  # one per half-edge that leaves the vertex
-    kinds = np.bincount(np.unique(np.stack([faces.ravel(), np.repeat(label, 3)], axis=1), axis=0)[:, 0], minlength=n)
-    return np.asarray(changes > np.where(kinds == 1, 0, kinds))
+def _pinched(label: IntArray, n: int, faces: IntArray, table: EdgeTable) -> BoolArray:
+    """(v,) vertices round which one of `n` tiles comes twice: as often as its borders leave them."""
+    leaves = _border(label, table) & (np.repeat(label, 3) < n)
+    at, times = np.unique(np.stack([faces.ravel(), np.repeat(label, 3)], axis=1)[leaves], axis=0, return_counts=True)
+    out = np.zeros(int(faces.max()) + 1, bool)
+    out[at[times > 1, 0]] = True
+    return out
 
 
 def _traced(label: IntArray, seeds: IntArray, faces: IntArray, table: EdgeTable) -> Tiles | IntArray:
@@ -201,17 +220,18 @@ def _traced(label: IntArray, seeds: IntArray, faces: IntArray, table: EdgeTable)
     n = len(seeds)
     border = _border(label, table)
     tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    bad = set(np.unique(label[(_pinched(label, faces, table)[faces]).any(1)]).tolist())
+    near = np.unique(label[(_pinched(label, n, faces, table)[faces]).any(1)])
+    bad = set(near[near < n].tolist())
     inner = ~border & (table.twin >= 0)
     same = coo_array((np.ones(int(inner.sum())), (np.flatnonzero(inner) // 3, table.twin[inner] // 3)), shape=(len(faces),) * 2)
     pieces = connected_components(same, directed=False)[1]
     whole = np.unique(np.stack([label, pieces], axis=1), axis=0)[:, 0]
-    bad |= set(np.flatnonzero(np.bincount(whole, minlength=n) != 1).tolist())
+    bad |= set(np.flatnonzero(np.bincount(whole, minlength=n)[:n] != 1).tolist())
     if bad:
         return np.array(sorted(bad), np.int64)
     is_corner = np.bincount(tail[border], minlength=int(faces.max()) + 1) >= 3
     follow: list[dict[int, int]] = [{} for _ in range(n)]
-    for h in np.flatnonzero(border).tolist():
+    for h in np.flatnonzero(border & (np.repeat(label, 3) < n)).tolist():
         follow[label[h // 3]][int(tail[h])] = h
     arcs: list[Arc] = []
     number: dict[int, int] = {}  # of the arc whose first half-edge, on its left, this is

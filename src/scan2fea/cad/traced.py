@@ -102,7 +102,7 @@ def _solid(
         return None, set()
     invalid = {int(network.surface[region]) for region, face in faces.items() if not is_valid(face)}
     solid = solid_of_faces(list(faces.values())) if faces else None
-    return None if solid is None else _whole(solid), invalid
+    return None if solid is None else joined_whole(solid), invalid
 
 
 def _without(mesh: TriangleMesh, network: Network, label: IntArray, bridges: Sequence[tuple[IntArray, int]]) -> IntArray:
@@ -129,7 +129,7 @@ def _loose(mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], to
     return loose / total if total else 0.0
 
 
-def _whole(solid: Any) -> Any:
+def joined_whole(solid: Any) -> Any:
     """Halves joined, where that leaves the solid as valid as it was."""
     from OCP.TopAbs import TopAbs_SOLID
 
@@ -141,7 +141,7 @@ def _faces(
     mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], meeting: Meeting, edges: Mapping[int, Edge], exact: float
 ) -> dict[int, Any]:
     """The face of each region; none where a region has no border that closes."""
-    drawn = _drawn(edges, meeting.corners, exact)
+    drawn, _ = shared_edges(edges, meeting.corners, exact)
     uses: dict[int, list[_Use]] = {k: [] for k in range(len(network.surface))}
     for number, edge in edges.items():
         chain = network.chains[number]
@@ -149,21 +149,21 @@ def _faces(
         uses[chain.right].append((number, False, edge.last, edge.first))
     out: dict[int, Any] = {}
     for region, own in uses.items():
-        loops = _loops(own)
+        loops = joined_loops(own)
         if not loops:
             return {}
         if network.surface[region] < 0:
             corners = np.array([meeting.corners[use[2]].at for use in loops[0]])
             normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
             flat = Surface(kind=PLANE, point=corners[0], axis=normal / np.linalg.norm(normal))
-            out[region] = _face(flat, corners, loops, drawn)
+            out[region] = face_on(flat, corners, loops, drawn)
             continue
         used = np.unique(mesh.faces[network.label == region])
-        out[region] = _face(surfaces[network.surface[region]], mesh.vertices[used], loops, drawn)
+        out[region] = face_on(surfaces[network.surface[region]], mesh.vertices[used], loops, drawn)
     return out
 
 
-def _loops(uses: Sequence[_Use]) -> list[list[_Use]]:
+def joined_loops(uses: Sequence[_Use]) -> list[list[_Use]]:
     """The edges of a region one after another; none where a loop stays open."""
     left, out = list(uses), []
     while left:
@@ -178,14 +178,15 @@ def _loops(uses: Sequence[_Use]) -> list[list[_Use]]:
     return out
 
 
-def _drawn(edges: Mapping[int, Edge], corners: Mapping[int, Corner], exact: float) -> dict[int, Any]:
-    """Edges of Open Cascade that share their ends."""
+def shared_edges(edges: Mapping[int, Edge], corners: Mapping[int, Corner], exact: float) -> tuple[dict[int, Any], dict[int, Any]]:
+    """Edges of Open Cascade that share their ends, and these by the number of the corner."""
     from OCP.BRep import BRep_Builder
     from OCP.TopAbs import TopAbs_FORWARD, TopAbs_REVERSED
     from OCP.TopoDS import TopoDS, TopoDS_Edge, TopoDS_Vertex
 
     builder = BRep_Builder()
-    ends, out = {}, {}
+    ends: dict[int, Any] = {}
+    out: dict[int, Any] = {}
     for number, corner in corners.items():
         ends[number] = TopoDS_Vertex()
         builder.MakeVertex(ends[number], pnt(corner.at), max(RESOLUTION, 2 * corner.off))
@@ -198,7 +199,7 @@ def _drawn(edges: Mapping[int, Edge], corners: Mapping[int, Corner], exact: floa
         builder.Add(shape, TopoDS.Vertex(ends[edge.last].Oriented(TopAbs_REVERSED)))
         builder.Range(shape, low, high)
         out[number] = shape
-    return out
+    return out, ends
 
 
 def _curve(points: FloatArray, exact: float) -> tuple[Any, float, float]:
@@ -251,7 +252,7 @@ def _arc(points: FloatArray, exact: float) -> tuple[FloatArray, FloatArray, floa
     return middle, normal if turn > 0 else -normal, radius, abs(float(turn))
 
 
-def _face(surface: Surface, points: FloatArray, loops: Sequence[Sequence[_Use]], edges: Mapping[int, Any]) -> Any:
+def face_on(surface: Surface, points: FloatArray, loops: Sequence[Sequence[_Use]], edges: Mapping[int, Any]) -> Any:
     """The surface trimmed by its loops, looking out of the solid."""
     from OCP.BRep import BRep_Builder
     from OCP.ShapeFix import ShapeFix_Face

@@ -28,6 +28,7 @@ from scan2fea.kernel.surfaces import CONE, PLANE, SPHERE, TORUS, Surface, covari
 from scan2fea.types import Brep, FloatArray, IntArray, TriangleMesh, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
+NURBS, PATCH = "nurbs", "patch"
 FITTED = 30  # points: with fewer inside its region a surface is fitted to those at its border too
 # relative difference of volume between the shape and its file, a hundredth of what is asked of the volume; where a cylinder all but touches a plane
 # the tip between them is trimmed anew: 3e-6 of `featuretype` at 0.1 mm
@@ -111,11 +112,12 @@ def covariance_in_mm(fit: Fit) -> FloatArray:
 
 def trued(
     solid: Any, middle: FloatArray, scale: Scale, snaps: tuple[Snap, ...], proved: Compared, fillets: Sequence[Fillet] = (),
-    drawn: Sequence[Surface] | None = None, within_m: float = 0.0,
+    drawn: Sequence[Surface] | None = None, within_m: float = 0.0, n_patches: int = 0,
 ) -> Trued:  # fmt: skip
     """The file, proved by reading it back, and the triangles of its faces in their order.
 
     drawn : the surfaces, in millimetres, of a solid that has facets too: what lies on none of these is one.   within_m : see `triangles_of`.
+    n_patches : NURBS patches of free form among the faces; the other faces are none.
     """
     placed = moved_by(solid, middle * MILLIMETRES_PER_METRE)
     try:
@@ -132,7 +134,7 @@ def trued(
         return no_solid("the faces of the STEP file are not those that were written")
     mesh = replace(mesh, face_region=order[face])
     made = [in_metres(s if drawn is None else as_facet(s, drawn), middle) for s in map(surface_of, faces_of(solid))]
-    surfaces = [made[k] for k in np.argsort(order)]
+    surfaces = [replace(made[k], kind=PATCH) if n_patches and made[k].kind == NURBS else made[k] for k in np.argsort(order)]
     kinds, names = tuple(s.kind for s in surfaces), named_faces(mesh, surfaces)
     brep = Brep(
         step=named(text, numbers, names), face_names=names, face_kinds=kinds, region_of_face=np.arange(len(names)),

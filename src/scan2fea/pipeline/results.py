@@ -117,7 +117,7 @@ def cad_row(brep: Brep, tets: TetMesh | None, how: Mapping[str, Any], snaps: Seq
         "volume_m3": number(brep.volume_m3),
         "n_planar": sum(kind in ("plane", "facet") for kind in kinds),
         "n_cylindrical": kinds.count("cylinder"),
-        "n_nurbs": kinds.count("nurbs"),
+        "n_nurbs": kinds.count("nurbs") + kinds.count("patch"),
         "n_conical": kinds.count("cone"),
         "n_spherical": kinds.count("sphere"),
         "n_revolution": kinds.count("revolution"),

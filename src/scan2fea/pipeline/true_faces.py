@@ -5,9 +5,11 @@ Where one fails the surface goes the way of free form (triangles to facets), and
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from scan2fea.cad import BOX_OFF, FACET, LEAST_LOST, CadOptions, Trued, box_off_m
+from scan2fea.cad import BOX_OFF, FACET, LEAST_LOST, PATCH, CadOptions, Trued, box_off_m
 from scan2fea.errors import StageError
 from scan2fea.kernel.boundary import boundary_surface
 from scan2fea.kernel.coverage import NOISE_SIGMAS, REACH_SPACINGS, deviation
@@ -15,7 +17,7 @@ from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import extent
 from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.pipeline.config import Config
-from scan2fea.pipeline.faces_worker import drawn_solid_in_child, true_solid_in_child
+from scan2fea.pipeline.faces_worker import QUILTED, WHOLE, drawn_solid_in_child, true_solid_in_child
 from scan2fea.pipeline.part import Made, Part
 from scan2fea.pipeline.record import Record, Tracked
 from scan2fea.remeshing import chord_height, evened, looks_drawn, worst_dihedral
@@ -69,11 +71,21 @@ def build_drawn(
 def _built(
     made: Made, surface: Tracked[TriangleMesh], source: Tracked[Part], config: Config, record: Record, scale: dict[str, float]
 ) -> Tracked[TetMesh] | None:
-    """The solid from the triangles of a surface. scale : spacing and noise of its points."""
-    return _filled(made, _found(surface, source, config, record, scale), surface.value, config, record)
+    """The solid from the triangles of a surface; where no tets fit into it, one with NURBS patches where its faces meet badly. scale : spacing and
+    noise of its points.
+    """
+    found = _found(surface, source, config, record, scale)
+    tets = _filled(made, found, surface.value, config, record)
+    if tets is not None or found.value.brep is None or PATCH in found.value.brep.face_kinds:
+        return tets
+    reason = made.how["cad_reason"]
+    tets = _filled(made, _found(surface, source, config, record, {**scale, "way": QUILTED}), surface.value, config, record)
+    if tets is None:
+        made.how["cad_reason"] = f"{reason}; {made.how['cad_reason']}"
+    return tets
 
 
-def _found(surface: Tracked[TriangleMesh], source: Tracked[Part], config: Config, record: Record, scale: dict[str, float]) -> Tracked[Trued]:
+def _found(surface: Tracked[TriangleMesh], source: Tracked[Part], config: Config, record: Record, scale: dict[str, Any]) -> Tracked[Trued]:
     return record("faces", _true_solid, surface, source, options=config.cad, extra=scale, n_in=len(surface.value.faces), count=_n_faces)
 
 
@@ -102,7 +114,7 @@ def _filled(made: Made, found: Tracked[Trued], surface: TriangleMesh, config: Co
     return Tracked(tets, filled.key)
 
 
-def _true_solid(mesh: TriangleMesh, part: Part, options: CadOptions, *, spacing_m: float, noise_m: float) -> Trued:
+def _true_solid(mesh: TriangleMesh, part: Part, options: CadOptions, *, spacing_m: float, noise_m: float, way: str = WHOLE) -> Trued:
     cloud = part.scan.cloud
     points = cloud.points if part.mesh is None else mesh.vertices
     resting = None
@@ -110,7 +122,7 @@ def _true_solid(mesh: TriangleMesh, part: Part, options: CadOptions, *, spacing_
         points = points[~cloud.is_inferred]
         if cloud.normals is not None:
             resting = cloud.points[cloud.is_inferred], cloud.normals[cloud.is_inferred]
-    return true_solid_in_child(mesh, points, options, spacing_m=spacing_m, noise_m=noise_m, resting=resting)
+    return true_solid_in_child(mesh, points, options, spacing_m=spacing_m, noise_m=noise_m, resting=resting, way=way)
 
 
 def _fill(found: Trued, options: FillOptions) -> Filled:

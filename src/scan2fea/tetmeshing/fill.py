@@ -17,7 +17,7 @@ from scan2fea.options import option
 from scan2fea.tetmeshing.child import run_worker
 from scan2fea.tetmeshing.curve import curved
 from scan2fea.tetmeshing.faults import faults_in_words, require_solid
-from scan2fea.tetmeshing.naming import Names, names_of, prove_order
+from scan2fea.tetmeshing.naming import PATCH, Names, names_of, prove_order
 from scan2fea.tetmeshing.optimise import OptimiseOptions, optimised
 from scan2fea.tetmeshing.sizing import element_size
 from scan2fea.tetmeshing.tets import VOLUME_AGREES, boundary_of, proved, tagged, tet_mesh
@@ -169,7 +169,7 @@ def _run(attempt: _Attempt, mesh: TriangleMesh, brep: Brep | None, names: Names,
         fixed = options.edge_m is not None  # an edge that was asked for is kept, whatever it costs
         budget = {"max_tets": np.inf if fixed else options.max_elements, "max_nodes": np.inf if fixed else options.max_nodes}
         sizes = {"size_mm": attempt.edge_m * MILLIMETRES_PER_METRE, "max_size_mm": max(max_edge_m, attempt.edge_m) * MILLIMETRES_PER_METRE}
-        job = {**common, **budget, **sizes, "kind": "brep", "per_turn": attempt.per_turn}
+        job = {**common, **budget, **sizes, "kind": "brep", "per_turn": attempt.per_turn, "is_patched": PATCH in brep.face_kinds}
         found = _from_brep(job, mesh, brep, names, limits)
     else:
         found = _from_surface({**common, "kind": "surface", "growth": attempt.growth}, mesh, names, limits)

@@ -12,6 +12,7 @@ from scan2fea.kernel.planar_regions import planar_regions
 from scan2fea.types import Brep, FloatArray, IntArray, TriangleMesh, Value
 
 FREEFORM = "FREEFORM"  # one name for all facets: thousands of face sets help nobody
+PATCH = "patch"  # kind of a face of free form among true ones
 MANY_NAMES, STANDS_OUT = 200, 10.0  # of more faces than that (mostly facets, some coplanar by chance) only those ten times the median are named
 CENTRE_AGREES = 1e-5  # of the size; two plane faces of one solid that share centre and area to this do not occur side by side in a STEP file
 
@@ -32,7 +33,7 @@ class Names(Value):
 
 
 def names_of(mesh: TriangleMesh, brep: Brep | None) -> Names:
-    """Names from the B-Rep: a tag for each plane face, FREEFORM for all facets. Without a B-Rep, regions of the surface: REGION_0, ..."""
+    """Names from the B-Rep: a tag for each true face, FREEFORM for all facets and patches. Without a B-Rep, regions of the surface: REGION_0, ..."""
     curved = brep is not None and brep.is_curved and mesh.face_region is not None
     label = mesh.face_region if curved and mesh.face_region is not None else planar_regions(mesh).label
     if brep is None:
@@ -40,7 +41,7 @@ def names_of(mesh: TriangleMesh, brep: Brep | None) -> Names:
         titles, is_plane = [f"REGION_{i}" for i in ids] + [""], np.arange(len(ids) + 1) < len(ids)
         face_of = np.where(label >= 0, np.searchsorted(ids, label), len(ids))
     else:
-        titles, is_plane = list(brep.face_names), np.asarray(brep.region_of_face) >= 0
+        titles, is_plane = list(brep.face_names), (np.asarray(brep.region_of_face) >= 0) & (np.array(brep.face_kinds) != PATCH)
         face_of = _face_of_triangle(label, brep)
     n_faces = len(titles)
     weight = face_areas(mesh)

@@ -23,6 +23,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Mapping
 from importlib.machinery import PathFinder
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ from scan2fea.types import FloatArray, IntArray
 HXT, DELAUNAY = 10, 1  # Mesh.Algorithm3D
 # HXT took 50 s and more on surfaces with needles (an L-beam bisected down to 2 deg, a bracket with facetted holes), under a second on clean ones
 NEEDLE_DEG = 12.0
+SPLINES = ("BSpline surface", "BSpline", "Nurb")  # as gmsh calls them
 NARROW_FACTOR = 2.5  # elements beside a narrow face may be so much longer than it is wide: smallest triangle angle about 20 deg
 _SAME = ctypes.CFUNCTYPE(ctypes.c_uint32, ctypes.c_void_p)(lambda _: 1)  # kept here: the library goes on calling it
 GROWTH = 0.4  # metres of edge per metre of distance
@@ -166,7 +168,9 @@ def _mesh_within_budget(gmsh: Any, job: dict[str, Any]) -> tuple[int, float, flo
     most, asked = float(job["max_size_mm"]) / float(job["size_mm"]), float(job["per_turn"])
     coarser, per_turn = 1.0, asked
     for last in (False, False, False, True):
-        _set_sizes(gmsh, float(job["size_mm"]) * coarser, NARROW_FACTOR * coarser, per_turn)
+        limit = _set_sizes(gmsh, float(job["size_mm"]) * coarser, NARROW_FACTOR * coarser, per_turn)
+        if job.get("is_patched"):
+            gmsh.option.setNumber("Mesh.MeshSizeMin", _least_size(gmsh, limit, per_turn))
         gmsh.model.mesh.generate(2)
         algorithm = _mesh_volume(gmsh, str(job["algorithm"]))
         nodes, tets, _ = _tets(gmsh)
@@ -220,11 +224,25 @@ def _load_brep(gmsh: Any, job: dict[str, Any]) -> dict[str, Any]:
     return {"face_centre": centre, "face_area": area}
 
 
-def _set_sizes(gmsh: Any, size: float, factor: float, per_turn: float) -> None:
+def _least_size(gmsh: Any, limit: Mapping[int, float], per_turn: float) -> float:
+    """The smallest size that a face or curve asks for other than by the bends of NURBS patches: these follow noise, and where it is sharp would be
+    filled with elements without end. limit : of each curve.
+    """
+    bends = [1e-300]
+    for _, face in gmsh.model.getEntities(2):
+        if gmsh.model.getType(2, face) not in ("Plane", *SPLINES):
+            low, high = gmsh.model.getParametrizationBounds(2, face)
+            middle = (np.asarray(low) + np.asarray(high)) / 2
+            bends += np.abs(gmsh.model.getPrincipalCurvatures(face, middle)[:2]).ravel().tolist()
+    true = [value for curve, value in limit.items() if gmsh.model.getType(1, curve) not in SPLINES]
+    return min([*true, 2 * math.pi / (per_turn * max(bends))], default=0.0)
+
+
+def _set_sizes(gmsh: Any, size: float, factor: float, per_turn: float) -> dict[int, float]:
     """Element size `size`, round a circle `per_turn` edges, but near narrow faces and short edges only `factor` times their width or length, growing
     back by GROWTH with distance.
 
-    Without it a strip of width w beside elements of size h is filled with needles of w / h.
+    Without it a strip of width w beside elements of size h is filled with needles of w / h. Returns the size on each curve.
     """
     gmsh.option.setNumber("Mesh.MeshSizeMax", size)
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", per_turn)
@@ -247,6 +265,7 @@ def _set_sizes(gmsh: Any, size: float, factor: float, per_turn: float) -> None:
     smallest = gmsh.model.mesh.field.add("Min")
     gmsh.model.mesh.field.setNumbers(smallest, "FieldsList", fields)
     gmsh.model.mesh.field.setAsBackgroundMesh(smallest)
+    return limit
 
 
 def _radius(gmsh: Any, curve: int) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache
 
 import numpy as np
 
@@ -35,7 +35,16 @@ from scan2fea.reconstruction.regular import EXACT
 from scan2fea.reconstruction.round_cuts import Shapes, cut_round, shapes
 from scan2fea.reconstruction.round_gaps import over_rounds
 from scan2fea.reconstruction.round_growing import Rounds
-from scan2fea.reconstruction.shapes_found import Faces, flat_faces, moved_planes, outlined_faces, round_faces
+from scan2fea.reconstruction.shapes_found import (
+    Faces,
+    flat_faces,
+    joined_faces,
+    moved_planes,
+    outlined_faces,
+    outlined_round_faces,
+    round_faces,
+    rounds_of,
+)
 from scan2fea.reconstruction.sharpened import served_sharp
 from scan2fea.reconstruction.sight import Sight
 from scan2fea.reconstruction.two_answers import against_free
@@ -76,7 +85,7 @@ def planar(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> Reco
     try:
         return flattened(scan, first, options.seed)
     except ReconstructionError:
-        faces = round_faces(scan.cloud.points, first)
+        faces = round_faces(scan.cloud.points, first, rounds_of(scan.cloud.points, first))
         if faces is None:
             raise
         return flattened(scan, first, options.seed, faces=faces)
@@ -90,7 +99,13 @@ def flattened(scan: Scan, first: Reconstruction, seed: int = 0, by_lines: bool =
     cloud = scan.cloud
     faces = flat_faces(cloud.points, first) if faces is None else faces
     sight = Sight.of(scan, first, seed) if by_lines else None
-    form = flat_form(cloud.points, first, faces, seed, sight)
+    try:
+        form = flat_form(cloud.points, first, faces, seed, sight)
+    except ReconstructionError:
+        joined = joined_faces(cloud.points, faces, first.spacing_m, first.sigma_m)
+        if joined is None:
+            raise
+        form = flat_form(cloud.points, first, joined, seed, sight)
     every = form.shapes
     of = np.unique(every.primitive[np.unique(form.mesh.face_region // 2)]) if form.mesh.face_region is not None else np.zeros(0)
     facts: Mapping[str, float | str] = {
@@ -117,21 +132,29 @@ def served(
     """Flat and round faces where they explain the points and close; else the first surface, with the reason in `how`. And those that were refused.
 
     Of two solids of planes, with narrow faces as their points or as the outlines of walls tell them, that of fewer faces is taken.
-    Cylinders are looked for where planes alone do not serve. Where sensors are known and the first surface is refused, or differs from a flat solid
-    that nothing else speaks against, what is hidden has led it astray: then sight lines label the cells in its place, before any cylinder is tried.
+    Cylinders are looked for where planes alone do not serve, with the outlines of walls first. Where sensors are known and the first surface is
+    refused, or differs from a flat solid that nothing else speaks against, what is hidden has led it astray: then sight lines label the cells in its
+    place, before any cylinder is tried.
     bores : that the points tell: planes alone close those of few points.   grown : the planes under all points; None: not asked, or too many.
     """
     seen, by_lines = first.source == "sensors", bool(failed(first.checks))
     why = ""
     refused: list[Reconstruction] = []
     best: Reconstruction | None = None
-    finders: tuple[Callable[[FloatArray, Reconstruction], Faces | None], ...]
-    finders = (partial(flat_faces, grown=grown), partial(outlined_faces, grown=grown), round_faces)
-    for find in finders:
-        if best is not None and find is round_faces:
+    points = scan.cloud.points
+    rounds = cache(lambda: rounds_of(points, first))
+    finders: tuple[tuple[bool, Callable[[], Faces | None]], ...]  # is it asked where planes alone serve?
+    finders = (
+        (True, lambda: flat_faces(points, first, grown)),
+        (True, lambda: outlined_faces(points, first, grown)),
+        (False, lambda: outlined_round_faces(points, first, rounds())),
+        (False, lambda: round_faces(points, first, rounds())),
+    )
+    for always, find in finders:
+        if best is not None and not always:
             break
         try:
-            faces = find(scan.cloud.points, first)
+            faces = find()
         except ReconstructionError as error:
             why = str(error)
             continue

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -24,6 +26,7 @@ FACES_LEAN = 0.3  # cosine
 LEAST_PLANES = 3  # of a solid, but for its rims
 NARROW = 4.0  # times how far points may lie off their plane: of a narrower face half lies within reach of those beside it
 FILLED, SMALL = 0.5, 0.1  # of the strip that points of a plane spread over; of the points of the largest plane
+ALIKE = np.cos(np.radians(3.0))  # of planes of one direction
 TAIL = 2.0  # times how far points may lie off their cylinder: so far the noise still throws one of thousands
 
 
@@ -59,8 +62,16 @@ def outlined_faces(points: FloatArray, first: Reconstruction, grown: Planes | No
     So do small planes whose points leave most of what they spread over bare, or they are faces in pieces, which look along others.
     Raises ReconstructionError as `flat_faces`.
     """
-    h, sigma = first.spacing_m, first.sigma_m
-    if grown is None or sigma <= EXACT:
+    if grown is None:
+        return None
+    sure = _sure(points, first.normals, grown, first.spacing_m, first.sigma_m)
+    return None if sure is None else Faces(planes=planes_beside(points, first, NO_ROUNDS, sure))
+
+
+def _sure(points: FloatArray, normals: FloatArray, grown: Planes, spacing_m: float, sigma_m: float) -> Planes | None:
+    """The planes without those that `outlined_faces` doubts; None where it doubts none. points, normals : (n, 3), in the rows of `grown`."""
+    h, sigma = spacing_m, sigma_m
+    if sigma <= EXACT:
         return None
     grown = needed(points, grown, h, sigma)
     extent = np.array([_extent(points[grown.label == k], h) for k in range(len(grown))]).reshape(-1, 2)
@@ -72,8 +83,7 @@ def outlined_faces(points: FloatArray, first: Reconstruction, grown: Planes | No
     if not ((is_narrow | is_bare) & leans).any():
         return None
     is_narrow |= is_bare & leans
-    wide = settled(points, first.normals, [grown.plane(int(k)) for k in np.flatnonzero(~is_narrow)], h, sigma)
-    return Faces(planes=planes_beside(points, first, NO_ROUNDS, wide))
+    return settled(points, normals, [grown.plane(int(k)) for k in np.flatnonzero(~is_narrow)], h, sigma)
 
 
 def _says(planes: Planes | None) -> str:
@@ -91,16 +101,37 @@ def _extent(own: FloatArray, spacing_m: float) -> tuple[float, float]:
     return float(across), float(len(own) * spacing_m**2 / max(across * along, 1e-300))
 
 
-def round_faces(points: FloatArray, first: Reconstruction) -> Faces | None:
-    """The cylinders among the faces, and the planes beside them; None where no cylinder is needed. Raises ReconstructionError as `flat_faces`."""
-    rounds = _largest_first(rounds_of(points, first))
-    if not len(rounds):
+def round_faces(points: FloatArray, first: Reconstruction, rounds: Rounds) -> Faces | None:
+    """Cylinders, and the planes beside them; None where no cylinder is needed. Raises ReconstructionError as `flat_faces`.
+
+    rounds : as `rounds_of` finds them.
+    """
+    return _beside_rounds(points, first, rounds, partial(planes_beside, points, first))
+
+
+def outlined_round_faces(points: FloatArray, first: Reconstruction, rounds: Rounds) -> Faces | None:
+    """As `round_faces`, with planes as in `outlined_faces`; None, too, where it would doubt none of them."""
+
+    def planes(kept: Rounds) -> Planes | None:
+        rest = _of_planes(points, first, kept)[0]
+        axes = np.array([surface.axis for surface in kept.surfaces]).reshape(-1, 3)
+        grown = grow_planes(points[rest], first.normals[rest], first.spacing_m, first.sigma_m, axes)
+        sure = _sure(points[rest], first.normals[rest], grown, first.spacing_m, first.sigma_m)
+        return None if sure is None else planes_beside(points, first, kept, sure)
+
+    return _beside_rounds(points, first, rounds, planes)
+
+
+def _beside_rounds(points: FloatArray, first: Reconstruction, rounds: Rounds, beside: Callable[[Rounds], Planes | None]) -> Faces | None:
+    """The cylinders that are needed, and the planes that `beside` finds with them."""
+    rounds = _largest_first(rounds)
+    planes = beside(rounds) if len(rounds) else None
+    if planes is None:
         return None
-    planes = planes_beside(points, first, rounds)
     kept = _needed(points, rounds, planes, first.spacing_m, first.sigma_m)
     if len(kept) < len(rounds):
-        planes = planes_beside(points, first, kept)
-    return Faces(planes=planes, rounds=kept) if len(kept) else None
+        planes = beside(kept) if len(kept) else None
+    return None if planes is None else Faces(planes=planes, rounds=kept)
 
 
 def rounds_of(points: FloatArray, first: Reconstruction) -> Rounds:
@@ -169,23 +200,29 @@ def _given(points: FloatArray, normals: FloatArray, found: list[Surface], planes
     return label
 
 
+def _of_planes(points: FloatArray, first: Reconstruction, rounds: Rounds) -> tuple[IntArray, IntArray, TriangleMesh]:
+    """Rows of the points that are of no cylinder, these and those of cylinders that lie on faces beside them, and the faces that are of none."""
+    every = np.arange(len(points))
+    if not len(rounds):
+        return every, every, first.mesh
+    h, sigma = first.spacing_m, first.sigma_m
+    is_beside = beside(first.mesh, rounds, h, sigma)
+    on_beside = is_beside[PointToMesh(first.mesh).nearest(points).face]
+    tail = nearest_round(points, first.normals, rounds.surfaces, TAIL * off_round_m(h, sigma)) >= 0
+    rest = np.flatnonzero((rounds.label < 0) & (on_beside | ~tail))
+    rows = np.concatenate([rest, np.flatnonzero((rounds.label >= 0) & on_beside)])
+    return rest, rows, TriangleMesh(vertices=first.mesh.vertices, faces=first.mesh.faces[is_beside])
+
+
 def planes_beside(points: FloatArray, first: Reconstruction, rounds: Rounds, grown: Planes | None = None) -> Planes:
-    """The planes of the points that no cylinder has, narrow ones too.   grown : those that are wide, where they are known.
+    """The planes of the points that no cylinder has, narrow ones too.   grown : those that are wide, in the rows of these points, where known.
 
     Raises ReconstructionError where planes and cylinders are too few for a solid, or too many.
     """
     h, sigma = first.spacing_m, first.sigma_m
     known = first.thickness_m[np.isfinite(first.thickness_m)]
     wall = float(np.quantile(known, 0.25)) if len(known) else float("nan")
-    mesh, rest = first.mesh, np.arange(len(points))
-    rows = rest
-    if len(rounds):
-        is_beside = beside(mesh, rounds, h, sigma)
-        on_beside = is_beside[PointToMesh(mesh).nearest(points).face]
-        tail = nearest_round(points, first.normals, rounds.surfaces, TAIL * off_round_m(h, sigma)) >= 0
-        rest = np.flatnonzero((rounds.label < 0) & (on_beside | ~tail))
-        rows = np.concatenate([rest, np.flatnonzero((rounds.label >= 0) & on_beside)])
-        mesh = TriangleMesh(vertices=mesh.vertices, faces=mesh.faces[is_beside])
+    rest, rows, mesh = _of_planes(points, first, rounds)
     require(len(rest) >= LEAST_POINTS and len(mesh.faces), ReconstructionError, "the points lie on cylinders alone: no plane ends them")
     axes = np.array([surface.axis for surface in rounds.surfaces]).reshape(-1, 3)
     planes = grow_planes(points[rest], first.normals[rest], h, sigma, axes) if grown is None else grown
@@ -213,6 +250,30 @@ def beside(mesh: TriangleMesh, rounds: Rounds, spacing_m: float, sigma_m: float)
         near = np.abs(surface.distance(middle)) <= FACES_OFF * spacing_m + sigma_m
         of |= near & (np.einsum("ij,ij->i", surface.normals(middle), normals) >= FACES_LEAN)
     return ~of
+
+
+def joined_faces(points: FloatArray, faces: Faces, spacing_m: float, sigma_m: float) -> Faces | None:
+    """The faces with small planes made one with a larger one of their direction that lies within reach of the noise; None where there is none.
+
+    They are of points along edges, which the noise throws to one side: the planes meet nowhere near their faces.
+    """
+    planes = faces.planes
+    size = np.bincount(planes.label[planes.label >= 0], minlength=len(planes))
+    into = np.arange(len(planes))
+    for k in np.argsort(size, kind="stable").tolist():
+        own = points[planes.label == k]
+        apart = np.abs(np.median(own @ planes.normal.T, axis=0) - planes.offset) if len(own) else np.full(len(planes), np.inf)
+        one = (planes.normal @ planes.normal[k] >= ALIKE) & (apart <= tolerance_m(spacing_m, sigma_m)) & (size[k] < SMALL * size)
+        if one.any():
+            into[k] = int(np.argmax(np.where(one, size, -1)))
+    kept = np.flatnonzero(into == np.arange(len(planes)))
+    if len(kept) == len(planes):
+        return None
+    number = np.full(len(planes) + 1, -1, np.int64)
+    number[kept] = np.arange(len(kept))
+    number[:-1] = number[into]
+    joined = Planes(normal=planes.normal[kept], offset=planes.offset[kept], label=number[planes.label], std_m=planes.std_m[kept])
+    return replace(faces, planes=joined)
 
 
 def moved_planes(planes: Planes, every: Planes) -> Planes:

@@ -88,7 +88,7 @@ def true_solid(
     if asked is not None and is_large:
         found = _traced(mesh, points, asked, near, scale, stands)
         if found.brep is not None:
-            return _fewest([found, _quilted(mesh, points, Rimmed(patches=asked, told={}), scale, stands)], "") if _n_facets(found) else found
+            return found
     mixed: list[Patches] = []
     for factor, patches, sharp, fillets in _candidates(mesh, near, known, scale, raw, asked if near.density else None):
         lost = unexplained(mesh, patches, factor * scale.reach_m, near.face, near.density)

@@ -1,10 +1,12 @@
-"""A solid of true faces and a surface with another number of holes: which of the two invents, the measured points say."""
+"""A solid of true faces and a surface with another number of holes: which of the two invents, the points say; and faces beside their points."""
 
 import numpy as np
 import pytest
 
 from drawn import drawing, triangles
+from predicates import box
 from scan2fea.cad import true_solid
+from scan2fea.cad.compared import BESIDE, beside_faces
 from scan2fea.kernel.coverage import EXPECTED, is_unmeasured
 from scan2fea.kernel.distances import sample_surface
 from scan2fea.kernel.measures import area, volume
@@ -79,3 +81,16 @@ def test_a_bottom_that_was_measured_stays():
 @pytest.mark.parametrize(("expected", "n", "unseen"), [(EXPECTED, 0, True), (0.999 * EXPECTED, 0, False), (20.0, 1, True), (19.9, 1, False)])
 def test_a_part_is_unmeasured_where_chance_would_leave_points(expected, n, unseen):
     assert is_unmeasured(expected / 100, n, 100.0) is unseen
+
+
+@pytest.mark.parametrize(("wave", "noise", "told"), [(0.0, 5e-4, False), (0.0, 0.0, False), (0.003, 5e-4, True), (4e-4, 5e-4, False)])
+def test_a_wavy_top_is_none_of_a_block_with_a_flat_one(wave, noise, told):
+    """Waves of six times the noise are told, which the rounding of creases would let pass; those within the noise are not."""
+    flat = box((0.12, 0.08, 0.03), 0.003)
+    top = flat.vertices[:, 2] > flat.vertices[:, 2].max() - 1e-9
+    up = np.where(top, wave * np.sin(60 * flat.vertices[:, 0]) * np.sin(60 * flat.vertices[:, 1]), 0.0)
+    wavy = TriangleMesh(vertices=flat.vertices + up[:, None] * [0.0, 0.0, 1.0], faces=flat.faces)
+    points, _ = sample_surface(wavy, 3000, seed=1)
+    points = points + noise * np.random.default_rng(0).normal(size=points.shape)
+    share = beside_faces(flat, wavy, points, 0.0034)
+    assert share > 2 * BESIDE if told else share < 0.2 * BESIDE

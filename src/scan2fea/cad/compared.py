@@ -11,9 +11,9 @@ from scan2fea.cad.live import as_splines, is_valid, joined_triangles, parts, tes
 from scan2fea.cad.readback import volume_of
 from scan2fea.kernel.coverage import STRAY_SPACINGS, is_unmeasured
 from scan2fea.kernel.distances import PointToMesh
-from scan2fea.kernel.measures import face_areas
+from scan2fea.kernel.measures import face_areas, face_normals
 from scan2fea.kernel.measures import volume as enclosed_volume
-from scan2fea.kernel.neighbors import radius_components
+from scan2fea.kernel.neighbors import k_nearest, radius_components
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
@@ -23,6 +23,9 @@ FIT_POINTS = 60_000
 LEFT_OUT = "a small face or step was lost"
 LEAST_LOST = 6  # points: fewer lie side by side by chance
 VOLUME_OFF = 0.03  # of the volume of the surface: reconstructions of thin walls are a little too thick or thin
+BESIDE = 0.01  # of the points may lie to one side of their face: 0.2 % do at most where it is the right one
+NEAR, ONE_FACE, BENT_SPACINGS = 18, 0.8, 0.1  # points; cosine; of the spacing
+TO_SIGMA = 1.4826  # of the median distance, for normal noise
 CHORD = 0.1  # of the tolerance: how closely the solid is cut into triangles to be compared
 
 
@@ -93,6 +96,9 @@ def compared(solid: Any, mesh: TriangleMesh, points: FloatArray, middle: FloatAr
     lost = points_lost(shown, mesh, points, scale)
     if lost:
         return Compared(problem=f"{lost} points side by side lie on the surface and off the true faces: {LEFT_OUT}")
+    astray = beside_faces(shown, mesh, points, scale.spacing_m)
+    if astray > BESIDE:
+        return Compared(problem=f"{astray:.1%} of the points lie to one side of the true faces by more than their noise (limit {BESIDE:.0%})")
     return Compared(problem="", holes=holes)
 
 
@@ -123,6 +129,26 @@ def points_lost(shown: TriangleMesh, mesh: TriangleMesh, points: FloatArray, sca
         return 0
     largest = int(np.bincount(radius_components(off, 2.0 * spacing)).max())
     return largest if largest >= least else 0
+
+
+def beside_faces(shown: TriangleMesh, mesh: TriangleMesh, points: FloatArray, spacing_m: float) -> float:
+    """Share of the points about which the mean of NEAR lies off the solid by more than the noise of one, and BENT_SPACINGS: a wavy face drawn flat.
+
+    The noise is that about the surface. Asked away from creases, where every point near lies on a face that looks the same way, or the other way:
+    the other side of a wall.
+    """
+    used = points[sampled_rows(len(points), FIT_POINTS, 0)]
+    nearest = PointToMesh(shown).nearest(used)
+    normals = face_normals(shown)[nearest.face]
+    height = np.einsum("ij,ij->i", used - nearest.closest, normals)
+    near = k_nearest(used, NEAR)[1]
+    cosine = np.einsum("ij,ikj->ik", normals, normals[near])
+    own = cosine > ONE_FACE
+    mean = np.where(own, height[near], 0.0).sum(axis=1) / np.maximum(own.sum(axis=1), 1)
+    is_asked = (own.sum(axis=1) >= LEAST_LOST) & (np.abs(cosine) > ONE_FACE).all(axis=1)
+    sigma = TO_SIGMA * float(np.median(PointToMesh(mesh).nearest(used).distance))
+    spacing = spacing_m * (len(points) / len(used)) ** 0.5
+    return float(np.mean(is_asked & (np.abs(mean) > sigma + BENT_SPACINGS * spacing)))
 
 
 def triangles_of(solid: Any, middle: FloatArray, tolerance_m: float, within_m: float = 0.0) -> tuple[TriangleMesh, IntArray]:

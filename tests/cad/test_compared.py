@@ -6,7 +6,7 @@ import pytest
 from drawn import drawing, triangles
 from predicates import box
 from scan2fea.cad import true_solid
-from scan2fea.cad.compared import BESIDE, beside_faces
+from scan2fea.cad.compared import BESIDE, Scale, beside_faces
 from scan2fea.kernel.coverage import EXPECTED, is_unmeasured
 from scan2fea.kernel.distances import sample_surface
 from scan2fea.kernel.measures import area, volume
@@ -92,5 +92,12 @@ def test_a_wavy_top_is_none_of_a_block_with_a_flat_one(wave, noise, told):
     wavy = TriangleMesh(vertices=flat.vertices + up[:, None] * [0.0, 0.0, 1.0], faces=flat.faces)
     points, _ = sample_surface(wavy, 3000, seed=1)
     points = points + noise * np.random.default_rng(0).normal(size=points.shape)
-    share = beside_faces(flat, wavy, points, 0.0034)
+    share = beside_faces(flat, wavy, points, Scale(spacing_m=0.0034, noise_m=noise / 3, size_m=0.15))
     assert share > 2 * BESIDE if told else share < 0.2 * BESIDE
+
+
+def test_points_that_are_the_vertices_themselves_have_the_noise_of_these():
+    flat = box((0.12, 0.08, 0.03), 0.003)
+    noisy = flat.vertices + 5e-4 * np.random.default_rng(0).normal(size=flat.vertices.shape)
+    surface = TriangleMesh(vertices=noisy, faces=flat.faces)
+    assert beside_faces(flat, surface, noisy, Scale(spacing_m=0.003, noise_m=5e-4, size_m=0.15)) < 0.2 * BESIDE

@@ -96,7 +96,7 @@ def compared(solid: Any, mesh: TriangleMesh, points: FloatArray, middle: FloatAr
     lost = points_lost(shown, mesh, points, scale)
     if lost:
         return Compared(problem=f"{lost} points side by side lie on the surface and off the true faces: {LEFT_OUT}")
-    astray = beside_faces(shown, mesh, points, scale.spacing_m)
+    astray = beside_faces(shown, mesh, points, scale)
     if astray > BESIDE:
         return Compared(problem=f"{astray:.1%} of the points lie to one side of the true faces by more than their noise (limit {BESIDE:.0%})")
     return Compared(problem="", holes=holes)
@@ -131,11 +131,11 @@ def points_lost(shown: TriangleMesh, mesh: TriangleMesh, points: FloatArray, sca
     return largest if largest >= least else 0
 
 
-def beside_faces(shown: TriangleMesh, mesh: TriangleMesh, points: FloatArray, spacing_m: float) -> float:
+def beside_faces(shown: TriangleMesh, mesh: TriangleMesh, points: FloatArray, scale: Scale) -> float:
     """Share of the points about which the mean of NEAR lies off the solid by more than the noise of one, and BENT_SPACINGS: a wavy face drawn flat.
 
-    The noise is that about the surface. Asked away from creases, where every point near lies on a face that looks the same way, or the other way:
-    the other side of a wall.
+    The noise is that about the surface, or of its vertices where these are the points. Asked away from creases, where every point near lies on a
+    face that looks the same way, or the other way: the other side of a wall.
     """
     used = points[sampled_rows(len(points), FIT_POINTS, 0)]
     nearest = PointToMesh(shown).nearest(used)
@@ -146,8 +146,8 @@ def beside_faces(shown: TriangleMesh, mesh: TriangleMesh, points: FloatArray, sp
     own = cosine > ONE_FACE
     mean = np.where(own, height[near], 0.0).sum(axis=1) / np.maximum(own.sum(axis=1), 1)
     is_asked = (own.sum(axis=1) >= LEAST_LOST) & (np.abs(cosine) > ONE_FACE).all(axis=1)
-    sigma = TO_SIGMA * float(np.median(PointToMesh(mesh).nearest(used).distance))
-    spacing = spacing_m * (len(points) / len(used)) ** 0.5
+    sigma = max(scale.noise_m, TO_SIGMA * float(np.median(PointToMesh(mesh).nearest(used).distance)))
+    spacing = scale.spacing_m * (len(points) / len(used)) ** 0.5
     return float(np.mean(is_asked & (np.abs(mean) > sigma + BENT_SPACINGS * spacing)))
 
 

@@ -15,13 +15,13 @@ from scan2fea.reconstruction.bores import Near, wall_bores
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.gates_round import out_of_round
 from scan2fea.reconstruction.pictures import Rolled
-from scan2fea.reconstruction.planar import arranged, flattened
+from scan2fea.reconstruction.planar import arranged
 from scan2fea.reconstruction.plane_growing import Planes, grow_planes
 from scan2fea.reconstruction.round_cuts import cut_round, facets, shapes
 from scan2fea.reconstruction.round_gaps import between
 from scan2fea.reconstruction.round_growing import Rounds, grow_rounds
 from scan2fea.reconstruction.rounds import on_rounds
-from scan2fea.reconstruction.shapes_found import Faces, flat_faces, joined_faces, outlined_round_faces, planes_beside, round_faces, rounds_of
+from scan2fea.reconstruction.shapes_found import Faces, flat_faces, joined_faces, planes_beside, round_faces, rounds_of
 from scan2fea.simulation.polyhedra import drilled, meshed, prism, raised
 from scan2fea.simulation.shapes import bracket, chs, circle
 from scan2fea.types import TriangleMesh
@@ -199,16 +199,6 @@ def test_an_open_box_with_a_hole_keeps_it_though_nobody_says_from_where_it_was_s
     assert not failed(found.checks) and found.how["method"] == "planar"
     assert (found.how["n_cylinders"], surface_topology(found.mesh).n_handles) == (1, 1) and found.how["n_planes"] <= 13
     assert volume(found.mesh) == pytest.approx(volume(tray), rel=0.003)
-
-
-def test_planes_askew_along_edges_are_doubted_beside_cylinders_too():
-    points = scanned(_tray(), 0.0045, 0.00054, seed=1)[0].cloud.points
-    scan = scan_of(points)
-    first = visibility(scan)
-    rounds = rounds_of(points, first)
-    faces = outlined_round_faces(points, first, rounds)
-    assert (np.abs(faces.planes.normal @ POSE).max(axis=1) > 0.999).all()
-    assert not failed(flattened(scan, first, faces=faces).checks)
 
 
 def test_a_few_points_thrown_off_a_face_are_no_second_one():

@@ -49,7 +49,9 @@ def test_planes_and_sight_lines_carry_a_part_over_a_shadow_that_misleads_the_fir
         found = reconstruct(scan)
         assert failed(found.checks) or found.how["method"] == "planar"
         served += [] if failed(found.checks) else [found]
-    assert len(served) >= 2
+        if len(served) == 2:
+            break
+    assert len(served) == 2
     for found in served:
         assert_closed_manifold_oriented(found.mesh)
         assert volume(found.mesh) == pytest.approx(volume(GIRDER), rel=1e-6)

@@ -16,7 +16,7 @@ from scan2fea.reconstruction.bores import LEAST_POINTS, is_same, wall_bores
 from scan2fea.reconstruction.plane_growing import MOST_PLANES, Planes, assigned, grow_planes, settled, tolerance_m
 from scan2fea.reconstruction.regular import EXACT
 from scan2fea.reconstruction.round_growing import NO_ROUNDS, Rounds, grow_rounds, nearest_round, off_round_m, radius_std
-from scan2fea.reconstruction.strips import EXACTLY, needed, ways_of, with_strips
+from scan2fea.reconstruction.strips import ALIKE_DEG, EXACTLY, needed, planes_kept, ways_of, with_strips
 from scan2fea.reconstruction.visibility import Reconstruction
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 
@@ -26,7 +26,6 @@ FACES_LEAN = 0.3  # cosine
 LEAST_PLANES = 3  # of a solid, but for its rims
 NARROW = 4.0  # times how far points may lie off their plane: of a narrower face half lies within reach of those beside it
 FILLED, SMALL = 0.5, 0.1  # of the strip that points of a plane spread over; of the points of the largest plane
-ALIKE = np.cos(np.radians(3.0))  # of planes of one direction
 TAIL = 2.0  # times how far points may lie off their cylinder: so far the noise still throws one of thousands
 
 
@@ -260,20 +259,18 @@ def joined_faces(points: FloatArray, faces: Faces, spacing_m: float, sigma_m: fl
     planes = faces.planes
     size = np.bincount(planes.label[planes.label >= 0], minlength=len(planes))
     into = np.arange(len(planes))
-    for k in np.argsort(size, kind="stable").tolist():
+    off, alike = tolerance_m(spacing_m, sigma_m), np.cos(np.radians(ALIKE_DEG))
+    for k in np.argsort(-size, kind="stable").tolist():  # the larger first: it may be one with another itself
         own = points[planes.label == k]
         apart = np.abs(np.median(own @ planes.normal.T, axis=0) - planes.offset) if len(own) else np.full(len(planes), np.inf)
-        one = (planes.normal @ planes.normal[k] >= ALIKE) & (apart <= tolerance_m(spacing_m, sigma_m)) & (size[k] < SMALL * size)
+        one = (planes.normal @ planes.normal[k] >= alike) & (apart <= off) & (size[k] < SMALL * size) & (into == np.arange(len(planes)))
         if one.any():
             into[k] = int(np.argmax(np.where(one, size, -1)))
     kept = np.flatnonzero(into == np.arange(len(planes)))
     if len(kept) == len(planes):
         return None
-    number = np.full(len(planes) + 1, -1, np.int64)
-    number[kept] = np.arange(len(kept))
-    number[:-1] = number[into]
-    joined = Planes(normal=planes.normal[kept], offset=planes.offset[kept], label=number[planes.label], std_m=planes.std_m[kept])
-    return replace(faces, planes=joined)
+    label = np.append(into, -1)[planes.label]
+    return replace(faces, planes=planes_kept(replace(planes, label=label), kept.tolist()))
 
 
 def moved_planes(planes: Planes, every: Planes) -> Planes:

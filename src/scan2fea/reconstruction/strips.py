@@ -119,7 +119,7 @@ def needed(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: float)
         own = points[planes.label == k]
         if len(own) < LEAST_GROWN or not _is_needed(own, [every[j] for j in keep if j != k], spacing_m, sigma_m, LEAST_GROWN):
             keep.remove(k)
-    return _kept(planes, keep)
+    return planes_kept(planes, keep)
 
 
 def _is_needed(own: FloatArray, others: list[Plane], spacing_m: float, sigma_m: float, least: int) -> bool:
@@ -152,7 +152,7 @@ def _joined(points: FloatArray, planes: Planes, spacing_m: float) -> Planes:
                 break
         else:
             kept.append(k)
-    return _kept(Planes(normal=planes.normal, offset=offset, label=label, std_m=std), kept)
+    return planes_kept(Planes(normal=planes.normal, offset=offset, label=label, std_m=std), kept)
 
 
 def _without_backs(points: FloatArray, planes: Planes, spacing_m: float) -> Planes:
@@ -169,10 +169,11 @@ def _without_backs(points: FloatArray, planes: Planes, spacing_m: float) -> Plan
                 break
         else:
             keep.append(k)
-    return _kept(planes, sorted(keep))
+    return planes_kept(planes, sorted(keep))
 
 
-def _kept(planes: Planes, rows: list[int]) -> Planes:
+def planes_kept(planes: Planes, rows: list[int]) -> Planes:
+    """Some of the planes, in the order of `rows`; points of the others are of none."""
     number = np.full(len(planes) + 1, -1, np.int64)
     number[rows] = np.arange(len(rows))
     return Planes(normal=planes.normal[rows], offset=planes.offset[rows], label=number[planes.label], std_m=planes.std_m[rows])

@@ -2,6 +2,8 @@
 # PYTHON picks the interpreter; the environment lives in .venv.
 PYTHON ?= $(shell for p in python3 python3.12 python3.11 python3.13; do $$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && { echo $$p; break; }; done)
 VENV := .venv
+# where it is set (containers), each of the hundred processes that tests start would compile our 550 modules anew: 1.3 s
+export PYTHONDONTWRITEBYTECODE :=
 RUN := $(VENV)/bin/python
 
 .PHONY: demo test check docs gallery setup setup-dev system system-dev clean bench

@@ -89,9 +89,13 @@ def test_a_dozen_points_of_a_bore_tell_its_circle_and_a_solid_wall_tells_none():
 ])  # fmt: skip
 def test_parts_of_planes_and_cylinders(part, h, noise, cylinders, handles, off):
     """Of three draws two at least: of one, on one processor, the planes enclose two shells, and free form is kept."""
-    found = [reconstruct(scanned(part, h, noise, seed=seed)[0]) for seed in (4, 0, 1)]
-    planar = [f for f in found if f.how["method"] == "planar"]
-    assert len(planar) >= 2, [f.how.get("not_planar") for f in found]
+    found, planar = [], []
+    for seed in (4, 0, 1):
+        found.append(reconstruct(scanned(part, h, noise, seed=seed)[0]))
+        planar = [f for f in found if f.how["method"] == "planar"]
+        if len(planar) == 2:
+            break
+    assert len(planar) == 2, [f.how.get("not_planar") for f in found]
     for one in planar:
         assert one.how["n_cylinders"] == cylinders
         assert_closed_manifold_oriented(one.mesh)

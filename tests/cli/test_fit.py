@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 
+import real_scans
 from estimation.made import made, scanned
 from predicates import rotation
 from scan2fea.cli.main import main
@@ -95,11 +96,27 @@ def test_the_objects_of_a_file_that_is_no_member_are_told_one_by_one(tmp_path, c
     write_cloud_ply(path, PointCloud.of(np.concatenate([scanned(one, 5000, 0.001, 3), scanned(other, 5000, 0.001, 4)])), {})
     assert main(["fit", str(path), "--unit", "m", "-o", str(out)]) == 4
     told = capsys.readouterr().out
-    assert "`run` finds 2 objects in it" in told and told.count("explains the points") == 2
+    assert "2 objects found in it" in told and told.count("explains the points") == 2
     if out.exists():
         objects = json.loads(out.read_text(encoding="utf-8"))["objects"]
         assert sorted(o["family"] for o in objects) == ["L", "RHS"] and all(o["explains"] for o in objects)
         assert abs(next(o for o in objects if o["family"] == "L")["parameters"]["a"]["value_m"] - 0.127) < 1e-3
+
+
+@real_scans.needs("structural", "steel_tee")
+def test_a_welded_node_of_stubs_is_told_tube_by_tube(tmp_path, capsys):
+    """Two sides of each 2 in tube were scanned: its outer sizes are told if the user says that nothing was cut off, the wall never."""
+    tee = real_scans.DATA / "structural" / "steel_tee" / "table_8in10in_tee_x4y24_45.pcd_part1.pcd"
+    for whole in (True, False):
+        out = tmp_path / f"{whole}.json"
+        assert main(["fit", str(tee), "--family", "RHS", "--set", f"estimation.whole={str(whole).lower()}", "-o", str(out)]) == 4
+        told = capsys.readouterr().out
+        row = next(one for one in json.loads(out.read_text(encoding="utf-8"))["objects"] if "parameters" in one)
+        assert row["explains"] is whole and not row["parameters"]["t"]["observable"]
+        for name in ("h", "b"):
+            size = row["parameters"][name]
+            assert size["observable"] is whole and abs(size["value_m"] - 0.0508) < (3 * size["std_m"] if whole else 0.003), (whole, name, size)
+        assert ("how far the scan reaches" in told) is not whole
 
 
 def test_a_sensor_within_the_solid_is_not_believed(tmp_path, capsys):

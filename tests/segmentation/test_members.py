@@ -146,6 +146,12 @@ def test_one_body_stays_whole(name):
     assert members(ONE[name]).max() == 0
 
 
+def test_a_tee_of_stubs_is_two_tubes_where_stubs_are_asked_for():
+    found = members(TEE, slenderness=2.0)
+    n_first = len(sampled(shapes.rhs(0.05, 0.05, 0.004, 0.25), h=0.004))
+    assert agreement(np.arange(len(TEE)) >= n_first, found).iou.min() > 0.85
+
+
 def test_half_hidden_member_stays_one():
     points, truth = portal()
     seen = ~((truth == 1) & (points[:, 1] > 0.6) & (points[:, 1] < 1.0) & (points[:, 0] > 0.04))  # a stretch seen from one side only

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from scan2fea.cli.settings import config_of
-from scan2fea.errors import EstimationError
+from scan2fea.errors import EstimationError, require
 from scan2fea.estimation.given import SIGNIFICANT, Given
 from scan2fea.pipeline.fit import FittedFile, FittedObject, fit_file, fit_objects, write_member
 from scan2fea.pipeline.route import Estimate
@@ -25,17 +25,12 @@ SURE = 0.9995
 
 def execute(given: argparse.Namespace) -> int:
     config, path = config_of(given), Path(given.file)
-    try:
-        fitted = fit_file(path, config)
-    except EstimationError as error:
-        objects = fit_objects(path, config)
-        if not objects:
-            raise
-        print(f"{error}")
-        _print_objects(objects)
-        return NOT_EXPLAINED
-    _print(fitted, given.file)
+    fitted = fit_file(path, config)
     objects = () if fitted.found.explains else fit_objects(path, config)
+    nothing = f"{path}: no member can be fitted: {fitted.found.reason}"
+    require(fitted.member is not None or len(objects) > 0, EstimationError, nothing)
+    print(given.file if fitted.member is not None else nothing)
+    _print(fitted)
     _print_objects(objects)
     if given.out:
         write_member(Path(given.out), fitted, objects)
@@ -43,23 +38,24 @@ def execute(given: argparse.Namespace) -> int:
     return 0 if fitted.found.explains else NOT_EXPLAINED
 
 
-def _print(fitted: FittedFile, name: str) -> None:
+def _print(fitted: FittedFile) -> None:
     raw, found = fitted.raw, fitted.found
-    print(name)
     print(f"  points        {len(raw.scan.cloud):,}, unit {raw.unit} ({raw.unit_source}), sensor position {raw.sensor}")
-    _print_found(found, fitted.member)
+    if fitted.member is not None:
+        _print_found(found, fitted.member)
 
 
 def _print_objects(objects: Sequence[FittedObject]) -> None:
     if objects:
-        print(f"\n  as one member it is not explained; `run` finds {len(objects)} object{'s'[: len(objects) > 1]} in it, each by itself:")
+        print(f"\n  as one member it is not explained; {len(objects)} object{'s'[: len(objects) > 1]} found in it, each by itself:")
     for one in objects:
         print(f"\nobject {one.id}")
         print(f"  points        {one.n_points:,}")
-        if one.found.member is None:
+        member = one.found.member or one.found.likeliest
+        if member is None:
             print(f"  member        none: {one.found.reason}")
         else:
-            _print_found(one.found, one.found.member)
+            _print_found(one.found, member)
 
 
 def _print_found(found: Estimate, member: Member) -> None:
@@ -68,7 +64,9 @@ def _print_found(found: Estimate, member: Member) -> None:
         print(f"  given sizes   p-value {found.p_fixed:.3g} {'(the points contradict them)' if found.p_fixed < 0.01 else ''}")
     for g in found.given:
         print(f"  {'held' if g.held else 'compared':<13} {_given(g)}")
-    if not found.explains:
+    if found.likeliest is not None:
+        print("  what follows is the likeliest section: how wide its faces are is how far the scan reaches")
+    elif not found.explains:
         print("  what follows is the likeliest section of those that were tried, and not what these points are")
     print(f"\n  {'dimension':<12}{'value, mm':>12}{'std, mm':>10}  observable  from")
     for parameter in member.parameters:
@@ -92,7 +90,8 @@ def _line(p: Parameter, *, is_told: bool) -> str:
     digits = 3 if p.std_m is None else max(0, min(6, 2 - int(f"{max(p.std_m * MILLIMETRES_PER_METRE, 1e-9):e}".split("e")[1])))
     sources = {"fitted": "the points", "fixed": "given", "catalogue": "the catalogue (assumed)", "estimate": "an estimate (assumed)"}
     off = "" if p.spread_m is None or p.observable else f", may be off by {p.spread_m * MILLIMETRES_PER_METRE:.2g} mm"
-    source = sources.get(p.source, p.source).replace("(assumed)", f"(assumed{off})")
+    is_likeliest = p.source == "fitted" and p.std_m is None
+    source = "likeliest" if is_likeliest else sources.get(p.source, p.source).replace("(assumed)", f"(assumed{off})")
     return f"  {p.name:<12}{p.value_m * MILLIMETRES_PER_METRE:>12.{digits}f}{std:>10}  {'yes' if is_told else 'NO':<10}  {source}"
 
 

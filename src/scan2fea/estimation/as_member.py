@@ -36,6 +36,7 @@ _THINNER, _SURE = 1 / 3, 3.0  # how much thinner than these; over root n of its 
 _HALF = 0.5  # of a wall that may be one face
 _CHORD = 2e-3  # of the section: circles bulge so far beyond their polygons, and exact points are rounded
 _OUTER_SIGMAS = 2.0  # below the outer faces of a tube: 2.5 in 100 of their points lie deeper
+_ROOM = 0.49  # of the width of a tube, for each of two walls
 _NEAR_SIGMAS = 4.0  # from the section: what lies further off has no say about the ends
 
 
@@ -118,12 +119,14 @@ def _off_hidden(fit: SectionFit, points: FloatArray, hidden: BoolArray) -> tuple
 def _outer_half(fit: SectionFit, wall_m: float) -> SectionFit:
     """A tube of the outer half of its wall of which the outer faces alone were seen.
 
-    Through the opening one sees the inner face, but only near the end: its points lie there as those of an end face would.
+    Through the opening one sees the inner face, but only near the end: its points lie there as those of an end face would. A tube narrower than the
+    noise has no room for more than its own walls.
     """
     names = faces(fit.family)
+    half = min(wall_m / 2, _ROOM * min(fit.value(name) for name in fit.names if name != "t"))
     return dataclasses.replace(
         fit,
-        values=np.array([wall_m / 2 if name == "t" else fit.value(name) for name in fit.names]),
+        values=np.array([half if name == "t" else fit.value(name) for name in fit.names]),
         face_weight=np.array([0.0 if "INNER" in name else 1.0 for name in names]),
     )
 

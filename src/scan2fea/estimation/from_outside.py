@@ -21,18 +21,26 @@ _UNTOLD = "the points do not depend on it"
 def seen_from_outside(fit: SectionFit) -> SectionFit:
     """The fit of a tube of which two adjacent inner faces were seen, as one of which these are the outer faces; any other fit as it is.
 
-    A corner looks the same from both sides, and who looks into a tube sees opposite faces.
+    A corner looks the same from both sides, and who looks into a tube sees opposite faces. Where both faces of those sides fit and the points do not
+    tell them apart they are one, in the middle of both.
     """
-    seen = {name for name, share in fit.seen.items() if share >= SEEN}
-    if fit.family != "RHS" or any(name.endswith("OUTER") for name in seen) or any(seen.issuperset(pair) for pair in _OPPOSITE):
+    if fit.family != "RHS":
+        return fit
+    inner, outer = ({name for name, share in fit.seen.items() if share >= SEEN and name.endswith(side)} for side in ("INNER", "OUTER"))
+    is_one = bool(outer) and not fit.observable["t"] and {name.replace("INNER", "OUTER") for name in inner} == outer
+    if (outer and not is_one) or any(inner.issuperset(pair) for pair in _OPPOSITE):
         return fit
     t = fit.value("t")
     names = faces("RHS")
     swapped = [names.index(name.replace("INNER", "OUTER") if name.endswith("INNER") else name.replace("OUTER", "INNER")) for name in names]
-    weight = fit.face_weight[swapped]
-    values = np.array([value if name == "t" else value - 2 * t for name, value in zip(fit.names, fit.values.tolist(), strict=True)])
+    within = t if is_one else 2 * t
+    values = np.array([value if name == "t" else value - within for name, value in zip(fit.names, fit.values.tolist(), strict=True)])
     if min(values[:2]) <= 2 * t:  # too narrow to be this from outside
         return fit
+    weight = fit.face_weight[swapped]
+    if is_one:
+        weight = np.array([0.0 if name.endswith("INNER") else own + other for name, own, other in zip(names, fit.face_weight, weight, strict=True)])
+        values = np.r_[values[:2], usual_wall(values[:2])]
     return replace(fit, values=values, face_weight=weight, seen=dict(zip(names, np.minimum(weight, 1.0).tolist(), strict=True)))
 
 

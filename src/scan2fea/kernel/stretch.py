@@ -63,7 +63,8 @@ class Stretch(Value):
         inside = self.at[k] + share * (self.at[k + 1] - self.at[k])
         back = np.where(u <= knots[:, 0], u - knots[:, 0] + self.at[0], np.where(u >= knots[:, -1], u - knots[:, -1] + self.at[-1], inside))
         slope = np.where((u <= knots[:, 0]) | (u >= knots[:, -1]), 0.0, (np.diff(self.shift) / np.diff(self.at))[k])
-        density, by_growth = -np.log1p(growth * slope), -slope / (1 + growth * slope)
+        with np.errstate(invalid="ignore", divide="ignore"):  # a stretch that folds has no density: nan, and the step to it is refused
+            density, by_growth = -np.log1p(growth * slope), -slope / (1 + growth * slope)
         if self.axis == RADIAL:
             ratio = back / np.where(u > 0, u, 1.0)
             moved = np.interp(back, self.at, self.shift) / (1 + growth * slope)

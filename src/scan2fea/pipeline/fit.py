@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from scan2fea.errors import EmptyScanError, EstimationError, UsageError, require
+from scan2fea.errors import EmptyScanError, UsageError, require
 from scan2fea.io import RawScan, read_scan, write_text
 from scan2fea.pipeline.assigned import assigned, own_section, resolved
 from scan2fea.pipeline.chosen import chosen_of
@@ -21,22 +21,22 @@ from scan2fea.pipeline.member_rows import member_row
 from scan2fea.pipeline.objects import parts_of
 from scan2fea.pipeline.results import finite_tree
 from scan2fea.pipeline.route import Estimate, estimate, table_of
-from scan2fea.pipeline.scene import clean, place_all, require_extent, segment, shift_of, shifted
+from scan2fea.pipeline.scene import Scene, clean, place_all, require_extent, segment, shift_of, shifted
 from scan2fea.types import FloatArray, Member, Value
 
+STUBS = 2.0  # lengths over widths of members that may meet in one object: below it nobody can tell along from across
 MEMBER_SCHEMA = "scan2fea member 1"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class FittedFile(Value):
-    """raw : the file as read.   found : what estimation says of all its points together.   member : of `found`.
-
-    shift_m : (3,), the frame of the member is the input's minus this.
+    """raw : the file as read.   found : what estimation says of all its points together.
+    member : of `found`, or its likeliest; None where there is none.   shift_m : (3,), the frame of the member is the input's minus this.
     """
 
     raw: RawScan
     found: Estimate
-    member: Member
+    member: Member | None
     shift_m: FloatArray
 
 
@@ -52,7 +52,7 @@ class FittedObject(Value):
 def fit_file(path: Path, config: Config) -> FittedFile:
     """Fit all points of a file as one member; it is object 1 of the [[object]] tables.
 
-    Raises InputError for a file that cannot be used, UsageError for a bad designation or table, EstimationError where no section fits at all.
+    Raises InputError for a file that cannot be used, UsageError for a bad designation or table.
     """
     require_no_fusion(config.fusion, "`fit` takes one file as it lies")
     raw = read_scan(path, config.input)
@@ -65,17 +65,27 @@ def fit_file(path: Path, config: Config) -> FittedFile:
     require(not drawings, UsageError, f"{', '.join(drawings)}: is no drawing of a straight member; `run` compares the part with it")
     named = assigned(known, {1: scan.cloud.points}, shift)
     found = estimate(scan, config.estimation, config.route, own_section(named, 1))
-    if found.member is None:
-        raise EstimationError(f"{path}: no member can be fitted: {found.reason}")
-    return FittedFile(raw=raw, found=found, member=found.member, shift_m=shift)
+    return FittedFile(raw=raw, found=found, member=found.member or found.likeliest, shift_m=shift)
 
 
 def fit_objects(path: Path, config: Config) -> tuple[FittedObject, ...]:
-    """The objects that `run` finds in a file, each fitted as a member; none where all of the file is one object, or comes with faces."""
+    """The objects that `run` finds in a file, each fitted as a member; none where all of the file is one object, or comes with faces.
+
+    Where it is one object, those that it falls into where members as short as `STUBS` may meet (a welded node), if one of them is a member.
+    """
     raw = read_scan(path, config.input)
     if raw.mesh is not None:
         return ()
     scene = clean(place_all((raw,), config.registration, names=[path.name]), config.filtering)
+    found = _fitted(scene, path, config)
+    if found or config.segmentation.slenderness <= STUBS:
+        return found
+    stubs = _fitted(scene, path, replace(config, segmentation=replace(config.segmentation, slenderness=STUBS)))
+    return stubs if any((one.found.member or one.found.likeliest) is not None for one in stubs) else ()
+
+
+def _fitted(scene: Scene, path: Path, config: Config) -> tuple[FittedObject, ...]:
+    """The objects of a scene, each fitted as a member; none where it is one object."""
     segments = segment(scene, config.segmentation, config.repair.small_part)
     if len(segments.kinds) < 2:
         return ()
@@ -101,14 +111,14 @@ def member_tree(fitted: FittedFile, objects: Sequence[FittedObject] = ()) -> dic
         "explains": fitted.found.explains,
         "reason": fitted.found.reason,
     }
-    tree = {**head, **member_row(fitted.member, fitted.found.p_fixed, fitted.found.given)}
+    tree = {**head, **({} if fitted.member is None else member_row(fitted.member, fitted.found.p_fixed, fitted.found.given))}
     tree |= {"objects": [_object_row(one) for one in objects]} if objects else {}
     return dict(finite_tree(tree))
 
 
 def _object_row(one: FittedObject) -> dict[str, Any]:
-    found = one.found
-    row = {} if found.member is None else member_row(found.member, found.p_fixed, found.given)
+    found, member = one.found, one.found.member or one.found.likeliest
+    row = {} if member is None else member_row(member, found.p_fixed, found.given)
     return {"id": one.id, "n_points": one.n_points, "explains": found.explains, "reason": found.reason, **row}
 
 

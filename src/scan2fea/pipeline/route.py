@@ -57,7 +57,8 @@ class Estimate(Value):
     bare_ends : ends of which no face was seen, and that rest on nothing.   bare_wall : the largest stretch of a wall of which neither side was
     seen.   bare_share : of the area of its sides, that of all such stretches.
     strip : why it is only part of what was scanned, as an object of its own beside it shows; "" where none does.
-    stray_share : of the points, off a member that explains the others, and no crowd.
+    stray_share : of the points, off a member that explains the others, and no crowd.   likeliest : the section that explains the points of which
+    they tell no dimension: to look at, not to build.
     """
 
     member: Member | None
@@ -72,6 +73,7 @@ class Estimate(Value):
     bare_share: float = 0.0
     strip: str = ""
     stray_share: float = 0.0
+    likeliest: Member | None = None
 
     @property
     def untold(self) -> tuple[str, ...]:
@@ -175,7 +177,8 @@ def _straight(
     face_m = face_error(told.pattern_m, told.p_value, fit.section.sigma_m) if fit.method == "density" else 0.0
     member = widened(member, scan.cloud, doubt, face_m)
     if not any(p.observable or p.source == "fixed" for p in member.parameters if p.name != "length"):
-        return Estimate(member=None, explains=False, reason=_open(fit.member, options) if fit.explains else fit.reason, strip=strip)
+        reason, likeliest = (_open(fit.member, options), member) if fit.explains else (fit.reason, None)
+        return Estimate(member=None, explains=False, reason=reason, strip=strip, likeliest=likeliest)
     if fit.method == "density":
         member = with_standard_odds(member, alternatives(fit.section), table)
     try:

@@ -41,16 +41,17 @@ _MOST_CUTS, _MOST_CELLS = 40, 2e6
 _SHORT, _INSIDE = 0.25, 0.8  # a piece of less than a quarter of the length must lie within the other's box to be one with it
 
 
-def members(points: FloatArray, seed: int = 0, min_points: int = 100) -> IntArray:
+def members(points: FloatArray, seed: int = 0, min_points: int = 100, slenderness: float = LONG) -> IntArray:
     """(n,) labels from 0 of the members that one connected cluster (n, 3) is made of; all 0 where it is one object.
 
+    slenderness : length over width of the two or more that make it fall apart.
     What leaves hide is looked for without them, and found only where it is members, two or more: the noise of a thin beam looks like leaves, too.
     """
     whole = np.zeros(len(points), np.int64)
     thin = thinned(points, seed) if len(points) >= _LEAST else None
     if thin is None:
         return whole
-    labels = _of_surfaces(points, thin, min_points, seed)
+    labels = _of_surfaces(points, thin, min_points, seed, slenderness)
     leaf = leaves_of(thin.points) if labels.max() == 0 else None
     if leaf is None:
         return labels
@@ -58,7 +59,7 @@ def members(points: FloatArray, seed: int = 0, min_points: int = 100) -> IntArra
 
     def of_part(own: FloatArray) -> IntArray:
         part = thinned(own, seed)
-        inside = np.zeros(len(own), np.int64) if part is None else _of_surfaces(own, part, min_points, seed)
+        inside = np.zeros(len(own), np.int64) if part is None else _of_surfaces(own, part, min_points, seed, slenderness)
         found.append(int(inside.max()) + 1)
         return inside
 
@@ -66,7 +67,7 @@ def members(points: FloatArray, seed: int = 0, min_points: int = 100) -> IntArra
     return labels if max(found, default=0) > 1 else whole
 
 
-def _of_surfaces(points: FloatArray, thin: Thin, min_points: int, seed: int) -> IntArray:
+def _of_surfaces(points: FloatArray, thin: Thin, min_points: int, seed: int, slenderness: float) -> IntArray:
     """`members` of points (n, 3) that lie on surfaces."""
     whole = np.zeros(len(points), np.int64)
     piece, axes = pieces(thin, seed)
@@ -75,7 +76,7 @@ def _of_surfaces(points: FloatArray, thin: Thin, min_points: int, seed: int) -> 
     if len(np.unique(piece[piece >= 0])) < 2:
         return whole
     group = _joined(thin, piece)
-    chosen = _members_of(thin, group)
+    chosen = _members_of(thin, group, slenderness)
     if chosen is None or is_one(thin, group) or pipe_path(points, seed) is not None:  # a pipe with elbows
         return whole
     member, extents = chosen
@@ -257,11 +258,11 @@ def _in_line(one: Extent, other: Extent) -> bool:
     return is_alike and abs(float(one.axis @ other.axis)) >= _IN_LINE and gap <= 0.5 * max(one.width, other.width)
 
 
-def _members_of(thin: Thin, group: IntArray) -> tuple[IntArray, list[Extent]] | None:
+def _members_of(thin: Thin, group: IntArray, least: float) -> tuple[IntArray, list[Extent]] | None:
     """Number (n,) of the member that each point lies on, -1 none, and the boxes; None where the cluster is not made of two long ones or more.
 
-    Two that meet at a slant are two already at three times their width if one is a third wider than the other: a girder and its brace. Stubs that
-    meet square may be one welded body, and how much of a section was seen tells too little of their sizes.
+    least : length over width of a long one. Two that meet at a slant are two already at three times their width if one is a third wider than the
+    other: a girder and its brace. Stubs that meet square may be one welded body, and how much of a section was seen tells too little of their sizes.
     """
     out = np.full(len(group), -1, np.int64)
     extents: list[Extent] = []
@@ -270,7 +271,7 @@ def _members_of(thin: Thin, group: IntArray) -> tuple[IntArray, list[Extent]] | 
         if len(rows) < LEAST_PIECE:
             continue
         extent = extent_of(thin.points[rows], thin.normals[rows])
-        if extent.length < _STUB * extent.width:
+        if extent.length < min(_STUB, least) * extent.width:
             continue
         out[rows] = len(extents)
         extents.append(extent)
@@ -287,7 +288,7 @@ def _members_of(thin: Thin, group: IntArray) -> tuple[IntArray, list[Extent]] | 
     axes = np.array([extent.axis for extent in extents]).reshape(-1, 3)
     cosine = np.abs(axes @ axes.T)
     braced = (width[:, None] > _ALIKE * width) & (cosine > _OBLIQUE) & (cosine < _IN_LINE) & beams[:, None] & beams
-    return (out, extents) if is_made_of(slender >= LONG) or (braced.any() and is_made_of(beams)) else None
+    return (out, extents) if is_made_of(slender >= least) or (braced.any() and is_made_of(beams)) else None
 
 
 def _run_through(thin: Thin, member: IntArray, extents: list[Extent]) -> IntArray:

@@ -106,7 +106,7 @@ def _by_members(
     def labels_of(piece: tuple[IntArray, str]) -> IntArray:
         rows, kind = piece
         is_whole = kind != "object" or joined[rows].any()
-        return np.zeros(len(rows), np.int64) if is_whole else members(points[rows], options.seed, options.min_points)
+        return np.zeros(len(rows), np.int64) if is_whole else members(points[rows], options.seed, options.min_points, options.slenderness)
 
     out: list[tuple[IntArray, str]] = []
     for (rows, kind), labels in zip(pieces, in_threads(labels_of, pieces), strict=True):

@@ -12,7 +12,7 @@ from scan2fea.simulation.shapes import cylinder
 from scan2fea.types import PointCloud, Scan, TriangleMesh
 from scanned import DENSITY, scan_of, scanned
 
-RADIUS, LENGTH, H = 0.06, 0.6, 0.006
+RADIUS, LENGTH, H = 0.06, 0.3, 0.006
 POSE, PLACE = rotation(11), np.array([2.0, -1.0, 0.5])
 
 

@@ -198,7 +198,7 @@ def _climb(
     if len(inside) < 20:
         return bow, twist
     zeta = (2 * inside[:, 2] - ends[0] - ends[1]) / (ends[1] - ends[0])
-    basis = np.asarray(legendre.legvander(zeta, max(degree, twist_degree))[:, 1:], np.float64)
+    basis = np.ascontiguousarray(legendre.legvander(zeta, max(degree, twist_degree))[:, 1:], np.float64)
     for width in _WIDTHS:
         h = width * size
         limit = np.r_[np.full(2 * degree, h), np.full(twist_degree, width)]

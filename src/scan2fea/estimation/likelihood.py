@@ -134,7 +134,7 @@ class SectionModel(Value):
         """(n, k) polynomials 0 .. k - 1 at the points."""
         layout = self.layout
         degree = max(int(layout.tilt), layout.n_bow + 1 if layout.n_bow else 0, layout.n_twist)
-        return np.asarray(np.polynomial.legendre.legvander(self.zeta, degree), float)
+        return np.ascontiguousarray(np.polynomial.legendre.legvander(self.zeta, degree), float)  # of one order: else kernels are compiled twice
 
     def weights(self, theta: FloatArray) -> FloatArray | None:
         """(f,) the face weights at theta, None for all alike."""

@@ -78,7 +78,7 @@ def half_edges(faces: IntArray) -> IntArray:
 
 def edge_table(faces: IntArray) -> EdgeTable:
     """The edges of (m, 3) faces, and which half-edges lie on each."""
-    edges, edge_of, count, twin = _edges(np.ascontiguousarray(faces, np.int64), int(faces.max(initial=-1)) + 1)
+    edges, edge_of, count, twin = _edges(np.array(faces, np.int64, order="C"), int(faces.max(initial=-1)) + 1)
     return EdgeTable(edges=edges, edge_of=edge_of, count=count, twin=twin)
 
 

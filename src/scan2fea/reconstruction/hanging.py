@@ -49,6 +49,7 @@ class Among(Value):
         self, seed: int, free: BoolArray, place: FloatArray, axis: FloatArray, size: float, sense: int, off: float, own_side: float, reach: float
     ) -> IntArray:
         columns = self.points, self.normals, self.first, self.index
+        place, axis = np.array(place, float), np.array(axis, float)  # of one kind: else the kernel is compiled four times
         return hanging_together(*columns, seed, free, place, axis, size, sense, off, float(own_side), float(reach))
 
 

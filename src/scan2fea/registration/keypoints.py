@@ -42,7 +42,7 @@ def within(points: FloatArray, rows: IntArray, radius_m: float) -> tuple[IntArra
     require(0 < radius_m < math.inf, InternalError, f"within needs a positive radius, got {radius_m}")
     if len(points) == 0:
         return np.zeros(len(rows) + 1, np.int64), np.zeros(0, np.int64)
-    xyz = np.ascontiguousarray(points, float)
+    xyz = np.array(points, float, order="C")  # one that may be written to: else kernels are compiled twice
     low = xyz.min(axis=0)
     _, cells, table, order, start = sorted_into_cells(xyz, low, float(radius_m))
     wanted = np.ascontiguousarray(rows, np.int64)

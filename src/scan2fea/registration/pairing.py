@@ -55,7 +55,7 @@ class Partners:
         if not len(self.target):
             return self._rows[:0], self._found[:0], self._across[:0]
         a, b, tree = self.source, self.target, self.tree
-        T = np.ascontiguousarray(T_target_source, float)
+        T = np.array(T_target_source, float, order="C")  # one that may be written to: else the kernel is compiled twice
         k = _paired(
             T, a.points, a.normals, a.is_seen, tree.order, tree.xyz, tree.boxes, tree.levels, b.normals, b.is_seen, reach_m, self.slack_m,
             self._place, self._at, self._others, self._rows, self._found, self._across,

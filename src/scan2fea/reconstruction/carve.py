@@ -23,12 +23,16 @@ Prior = Callable[[Tetrahedralisation], FloatArray]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Carved(Value):
-    """mesh : closed, manifold, outward.   vertex_point : (k,) the point each vertex is.   thickness_m : (n,) of the wall at each point, nan: none."""
+    """mesh : closed, manifold, outward.   vertex_point : (k,) the point each vertex is.   thickness_m : (n,) of the wall at each point, nan: none.
+
+    gap_m : (n,) to the next surface in front of each point, likewise.
+    """
 
     mesh: TriangleMesh
     vertex_point: IntArray
     clean: Denoised
     thickness_m: FloatArray
+    gap_m: FloatArray
     tetra: Tetrahedralisation
     inside: BoolArray
     labels: Cut
@@ -57,7 +61,8 @@ def carve(
     """
     clean = denoise(points, normals, spacing_m, sigma_m, between_m)
     thickness = wall_depth(clean.points, clean.normals, spacing_m, REACH * spacing_m)
-    targets = np.where(np.isfinite(sensors), sensors, pseudo_sensors(clean.points, clean.normals, spacing_m))
+    gap = gaps(clean.points, clean.normals, spacing_m)
+    targets = np.where(np.isfinite(sensors), sensors, pseudo_sensors(clean.points, clean.normals, gap, spacing_m))
     tetra = tetrahedralise(clean.points, spacing_m, seed)
     votes = gather_votes(tetra, clean.normals, targets, clean.residual_m, thickness, spacing_m)
     extra = None if prior is None else prior(tetra)
@@ -72,6 +77,7 @@ def carve(
         vertex_point=vertex_point,
         clean=clean,
         thickness_m=thickness,
+        gap_m=gap,
         tetra=tetra,
         inside=resolved.inside,
         labels=labels,
@@ -79,9 +85,9 @@ def carve(
     )
 
 
-def pseudo_sensors(points: FloatArray, normals: FloatArray, spacing_m: float) -> FloatArray:
+def pseudo_sensors(points: FloatArray, normals: FloatArray, gap_m: FloatArray, spacing_m: float) -> FloatArray:
     """(n, 3) p + n min(4 h, half the gap in front of p)."""
-    return np.asarray(points + normals * np.fmin(PSEUDO_REACH * spacing_m, 0.5 * gaps(points, normals, spacing_m))[:, None])
+    return np.asarray(points + normals * np.fmin(PSEUDO_REACH * spacing_m, 0.5 * gap_m)[:, None])
 
 
 def gaps(points: FloatArray, normals: FloatArray, spacing_m: float) -> FloatArray:

@@ -11,7 +11,7 @@ from scan2fea.errors import ReconstructionError
 from scan2fea.kernel.delaunay import Tetrahedralisation
 from scan2fea.reconstruction.bores import Bore
 from scan2fea.reconstruction.budget import WALL_ENDS
-from scan2fea.reconstruction.carve import Carved, carve, gaps
+from scan2fea.reconstruction.carve import Carved, carve
 from scan2fea.reconstruction.evidence import Ends
 from scan2fea.reconstruction.flooding import Setting
 from scan2fea.reconstruction.gates import Evidence, Unseen, failed, gates_unseen
@@ -139,7 +139,7 @@ def _answer(asked: _Asked, flood: Flood, n: int, bores: tuple[Bore, ...] = ()) -
         smoothed=carved.clean.points,
         normals=carved.clean.normals,
         thickness_m=carved.thickness_m,
-        gap_m=gaps(carved.clean.points, carved.clean.normals, spacing_m),
+        gap_m=carved.gap_m,
         spacing_m=spacing_m,
         sigma_m=sigma,
         is_inferred=asked.is_inferred,

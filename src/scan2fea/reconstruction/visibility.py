@@ -17,7 +17,7 @@ from scan2fea.kernel.measures import volume
 from scan2fea.kernel.noise import spacing
 from scan2fea.options import option
 from scan2fea.reconstruction.budget import WALL_ENDS
-from scan2fea.reconstruction.carve import Carved, carve, gaps
+from scan2fea.reconstruction.carve import Carved, carve
 from scan2fea.reconstruction.denoise import first_normals
 from scan2fea.reconstruction.evidence import Ends
 from scan2fea.reconstruction.gates import Evidence, failed, gates_seen
@@ -175,7 +175,7 @@ def _seen(
         smoothed=carved.clean.points,
         normals=carved.clean.normals,
         thickness_m=carved.thickness_m,
-        gap_m=gaps(carved.clean.points, carved.clean.normals, spacing_m),
+        gap_m=carved.gap_m,
         spacing_m=spacing_m,
         sigma_m=sigma,
         is_inferred=cloud.is_inferred,

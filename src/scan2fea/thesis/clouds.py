@@ -41,7 +41,7 @@ VOXEL_M = stated("voxel_in") * METRES_PER_INCH
 COARSE_M = stated("voxel_in") ** (1 / 3) * METRES_PER_INCH  # edge of a cell of 0.1 in^3: 11.8 mm
 RADIUS_M = stated("cluster_radius_in") * METRES_PER_INCH
 SIGMA_M = stated("noise_m") / 3
-QUICK_LENGTH_M = 0.25
+QUICK_LENGTH_M = 0.15
 SCAN_S = stated("frames_joined") / stated("frame_rate_hz")
 HDL = "hdl32e"
 CASES = ("zero", "noise", "hdl")
@@ -73,7 +73,7 @@ def lab(seed: int) -> Scene:
 
 
 def beam_solid(bench: Bench) -> Solid:
-    """The L-beam of the lab; of a quick run a stretch of 0.25 m from its middle."""
+    """The L-beam of the lab; of a quick run a stretch of QUICK_LENGTH_M from its middle."""
     return middle_stretch(lab(bench.options.seed).solids[BEAM], QUICK_LENGTH_M) if bench.options.quick else lab(bench.options.seed).solids[BEAM]
 
 

@@ -4,6 +4,7 @@ import argparse
 import re
 import shlex
 import tomllib
+import traceback
 
 import pytest
 
@@ -26,24 +27,34 @@ def variants(line: str) -> list[str]:
     return [bare] if bare == full else [bare, full]
 
 
-def parsed(line: str) -> argparse.Namespace:
+def raised(call, *given) -> str:
+    """What a call raises, with its way there; "" where it ends well."""
+    try:
+        call(*given)
+    except Exception:  # noqa: BLE001 - whatever a block raises is the failure to show
+        return traceback.format_exc()
+    return ""
+
+
+def parsed(line: str) -> argparse.Namespace | None:
     words = shlex.split(line, comments=True)[1:]
     words = [word for k, word in enumerate(words) if word != "KEY=VALUE" and words[k : k + 2] != ["--set", "KEY=VALUE"]]
     words = ["1" if word == "N" else "30" if word == "S" else word for word in words]
-    return parser().parse_args(words)
+    try:
+        return parser().parse_args(words)
+    except SystemExit:
+        return None
 
 
 @pytest.mark.parametrize(("page", "line"), LINES)
 def test_command_lines_are_understood(page, line):
     for variant in variants(line):
-        try:
-            given = parsed(variant)
-        except SystemExit:
-            pytest.fail(f"{page}: the parser refuses: {variant}")
+        given = parsed(variant)
+        assert given is not None, f"{page}: the parser refuses: {variant}"
         if hasattr(given, "settings") and not given.config:
             if getattr(given, "method", None) == "M":
                 given.method = None
-            config_of(given)
+            assert raised(config_of, given) == "", f"{page}: no such configuration: {variant}"
 
 
 @pytest.mark.parametrize(("page", "line"), SPOKEN)
@@ -62,20 +73,21 @@ def test_commands_and_options_in_sentences_exist(page, line):
 
 @pytest.mark.parametrize("block", [b for b in BLOCKS if b.language == "toml"], ids=lambda b: b.where)
 def test_toml_is_a_scene_or_a_configuration(block, tmp_path):
+    assert raised(tomllib.loads, block.text) == ""
     tree = tomllib.loads(block.text)
     if {"sensor", "sampling"} & set(tree):
-        scene_of(block.text)
+        assert raised(scene_of, block.text) == ""
         return
     assert set(tree) <= set(Config.__dataclass_fields__), f"{block.page}: no such table of options"
     path = tmp_path / "options.toml"
     path.write_text(block.text, encoding="utf-8")
-    load_config(path)
+    assert raised(load_config, path) == ""
 
 
 @pytest.mark.parametrize("block", [b for b in BLOCKS if b.language == "python" and b.page.startswith(("docs", "README"))], ids=lambda b: b.where)
 def test_python_runs(block, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    exec(compile(block.text, block.page, "exec"), {"__name__": "docs"})
+    assert raised(exec, compile(block.text, block.page, "exec"), {"__name__": "docs"}) == ""
 
 
 def test_every_command_of_the_contract_is_there_and_the_readme_shows_every_command():

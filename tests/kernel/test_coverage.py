@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from predicates import box, l_beam
-from scan2fea.kernel.coverage import area_shares, deviation, face_origin
-from scan2fea.kernel.distances import sample_surface
+from predicates import box, extruded, l_beam
+from scan2fea.kernel.coverage import area_shares, deviation, face_origin, largest_left_out
+from scan2fea.kernel.distances import PointToMesh, sample_surface
 from scan2fea.kernel.measures import face_areas
 from scan2fea.types import INTERPOLATED, INVENTED, MEASURED
 
@@ -88,3 +88,14 @@ def test_areas_add_up():
     origin = np.arange(len(BOX.faces)) % 3
     shares = area_shares(BOX, origin)
     assert shares["measured"] == pytest.approx(face_areas(BOX)[origin == MEASURED].sum() / 6)
+
+
+def test_the_most_points_side_by_side_that_were_left_out_are_told_and_strays_are_not():
+    step = np.array([(0, 0), (1, 0), (1, 0.5), (0.6, 0.5), (0.6, 0.7), (0, 0.7)])
+    whole, plain = extruded(step, 1.0), box((1.0, 0.5, 1.0))
+    up = np.array([[x, 0.7, z] for x in (0.1, 0.2, 0.3) for z in (0.3, 0.4)])
+    points = np.concatenate([[[0.5, 0.5, 0.9]], up, [[0.3, 1.5, 0.5]], up[:2] + [0.0, 0.0, 0.4]])  # on both, the step, a stray, two more of the step
+    off = PointToMesh(plain).nearest(points).distance
+    assert largest_left_out(points, off, whole, 0.1, 0.15).tolist() == [1, 2, 3, 4, 5, 6]
+    assert largest_left_out(points, off, whole, 0.1, 0.35).tolist() == [1, 2, 3, 4, 5, 6, 8, 9]
+    assert not len(largest_left_out(points, off, whole, 0.25, 0.15))  # the step is 0.2 high

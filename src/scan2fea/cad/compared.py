@@ -9,11 +9,11 @@ import numpy as np
 
 from scan2fea.cad.live import as_splines, is_valid, joined_triangles, parts, tessellated, without_triangles
 from scan2fea.cad.readback import volume_of
-from scan2fea.kernel.coverage import STRAY_SPACINGS, is_unmeasured
+from scan2fea.kernel.coverage import STRAY_SPACINGS, is_unmeasured, largest_left_out
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_areas, face_normals
 from scan2fea.kernel.measures import volume as enclosed_volume
-from scan2fea.kernel.neighbors import k_nearest, radius_components
+from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
@@ -116,19 +116,14 @@ def _invented(mesh: TriangleMesh, points: FloatArray, is_off: BoolArray) -> Bool
 def points_lost(shown: TriangleMesh, mesh: TriangleMesh, points: FloatArray, scale: Scale) -> int:
     """How many points the largest part of the surface holds that the solid does not follow; 0 below what a face needs to be told from roundings.
 
-    A point is off where it lies farther from the solid than from the surface by more than half a spacing and what surfaces may differ by: its own
-    noise is in both distances. A face is told from two rounded creases beside each other where it is wider than both: as many points as lie on a
-    square of that side, 9 without noise.
+    A point is off where it lies farther from the solid than from the surface by more than half a spacing and what surfaces may differ by. A face is
+    told from two rounded creases beside each other where it is wider than both: as many points as lie on a square of that side, 9 without noise.
     """
     used = points[sampled_rows(len(points), FIT_POINTS, 0)]
     spacing = scale.spacing_m * (len(points) / len(used)) ** 0.5
     least = max(LEAST_LOST, round((2.0 * scale.reach_m / spacing) ** 2))
-    more = PointToMesh(shown).nearest(used).distance - PointToMesh(mesh).nearest(used).distance
-    off = used[more > scale.stray_m]
-    if len(off) < least:
-        return 0
-    largest = int(np.bincount(radius_components(off, 2.0 * spacing)).max())
-    return largest if largest >= least else 0
+    lost = len(largest_left_out(used, PointToMesh(shown).nearest(used).distance, mesh, scale.stray_m, 2.0 * spacing))
+    return lost if lost >= least else 0
 
 
 def beside_faces(shown: TriangleMesh, mesh: TriangleMesh, points: FloatArray, scale: Scale) -> float:

@@ -9,6 +9,7 @@ from scipy.spatial import cKDTree
 
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_areas, face_normals
+from scan2fea.kernel.neighbors import radius_components
 from scan2fea.types import INTERPOLATED, INVENTED, MEASURED, BoolArray, FloatArray, IntArray, TriangleMesh, Value
 
 REACH_SPACINGS = 1.5  # a measured point every spacing leaves no place farther from one than 1.5, on any lattice
@@ -177,3 +178,18 @@ def deviation(
         stray_share=float(np.mean(nearest.distance > NOISE_SIGMAS * sigma_m + STRAY_SPACINGS * spacing_m)) if len(seen) else float("nan"),
         per_vertex_m=per_vertex,
     )
+
+
+def largest_left_out(points: FloatArray, off_m: FloatArray, before: TriangleMesh, far_m: float, apart_m: float) -> IntArray:
+    """(k,) rows of the most points side by side that lie on a surface and off what was made of it: a part of it was lost. Strays lie on neither.
+
+    points : (n, 3).   off_m : (n,) of each from what was made.   before : the surface.   far_m : by so much more a point lies off the one than
+    off the other; its own noise is in both distances.   apart_m : neighbours lie no farther from each other.
+    """
+    off = np.flatnonzero(off_m > far_m)
+    if len(off):
+        off = off[off_m[off] - PointToMesh(before).nearest(points[off]).distance > far_m]
+    if not len(off):
+        return off
+    part = radius_components(points[off], apart_m)
+    return np.asarray(off[part == np.argmax(np.bincount(part))], np.int64)

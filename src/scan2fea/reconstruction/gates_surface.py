@@ -7,10 +7,10 @@ import math
 import numpy as np
 from scipy.special import bdtrc
 
-from scan2fea.kernel.coverage import unmeasured_share
-from scan2fea.kernel.distances import PointToMesh, signed_distance
+from scan2fea.kernel.coverage import largest_left_out, unmeasured_share
+from scan2fea.kernel.distances import signed_distance
 from scan2fea.kernel.measures import face_areas, face_normals, volume
-from scan2fea.kernel.neighbors import k_nearest, radius_components
+from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.topology import edge_table, half_edges
 from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, MIXED, SCANS
 from scan2fea.reconstruction.evidence import PATCH, SAME_FACE, SAMPLES, Evidence, around, at_least, at_most, mm, patch_wall_m, wall_m
@@ -193,14 +193,9 @@ def left_out(points: FloatArray, distance: FloatArray, before: TriangleMesh, far
     points : (n, 3).   distance : (n,) from the solid.   before : that surface. Points farther from the one than from the other by `far` are counted
     where they lie side by side: strays do not, and lie on neither.
     """
-    off = np.flatnonzero(distance > far)
-    if len(off):
-        off = off[distance[off] - PointToMesh(before).nearest(points[off]).distance > far]
-    part = radius_components(points[off], SIDE_BY_SIDE * spacing_m) if len(off) else np.zeros(0, np.int64)
-    size = np.bincount(part, minlength=1)
-    where = around(points[off[part == np.argmax(size)]])
-    says = f"{size.max()} points side by side lie on the surface that they enclose and off its flat faces{where}: a part was lost"
-    return at_most(LEFT_OUT, float(size.max()), float(MOST_LEFT_OUT), says)
+    lost = largest_left_out(points, distance, before, far, SIDE_BY_SIDE * spacing_m)
+    says = f"{len(lost)} points side by side lie on the surface that they enclose and off its flat faces{around(points[lost])}: a part was lost"
+    return at_most(LEFT_OUT, float(len(lost)), float(MOST_LEFT_OUT), says)
 
 
 def afloat(mesh: TriangleMesh, points: FloatArray, distance: FloatArray, spacing_m: float, sigma_m: float) -> Check:

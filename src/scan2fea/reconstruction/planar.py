@@ -107,7 +107,8 @@ def flattened(scan: Scan, first: Reconstruction, seed: int = 0, by_lines: bool =
             raise
         form = flat_form(cloud.points, first, joined, seed, sight)
     every = form.shapes
-    of = np.unique(every.primitive[np.unique(form.mesh.face_region // 2)]) if form.mesh.face_region is not None else np.zeros(0)
+    rows = np.zeros(0, np.int64) if form.mesh.face_region is None else np.unique(form.mesh.face_region // 2)
+    of = np.unique(every.primitive[rows])
     facts: Mapping[str, float | str] = {
         **first.how,
         "method": "planar",
@@ -116,7 +117,7 @@ def flattened(scan: Scan, first: Reconstruction, seed: int = 0, by_lines: bool =
         "n_cells": form.n_cells,
         "first_volume_m3": volume(first.mesh),
     }
-    std = float(np.max(every.planes.std_m)) if len(every.planes) else 0.0
+    std = float(np.max(every.planes.std_m[rows], initial=0.0))  # a cylinder of five points may have been tried, and bound nothing
     if sight is not None:
         measured = cloud.points if cloud.is_inferred is None else cloud.points[~cloud.is_inferred]
         told = one_region(form.mesh, every), measured, first.spacing_m, rolled(every)

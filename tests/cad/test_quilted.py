@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from predicates import TOPPED_SIZE, topped
-from scan2fea.cad import PATCH, quilted_true_solid
+from scan2fea.cad import PATCH, QUILTED, true_solid
 from scan2fea.cad.live import is_valid
 from scan2fea.cad.quilted import quilted_solid
 from scan2fea.cad.readback import read_back, volume_of
@@ -64,7 +64,7 @@ def dented():
 
 def test_a_dented_block_keeps_its_planes_and_reads_back():
     mesh, exact = dented()
-    made = quilted_true_solid(mesh, mesh.vertices, spacing_m=1e-3, noise_m=3e-5)
+    made = true_solid(mesh, mesh.vertices, spacing_m=1e-3, noise_m=3e-5, way=QUILTED)
     assert made.reason == ""
     kinds = made.brep.face_kinds
     assert kinds.count("plane") >= 5

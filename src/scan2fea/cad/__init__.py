@@ -9,11 +9,11 @@ from scan2fea.cad.freeform import patched_solid
 from scan2fea.cad.nominal import placed_drawing, read_nominal
 from scan2fea.cad.prism import prism_brep
 from scan2fea.cad.sheets import FACET
-from scan2fea.cad.solid import quilted_true_solid, true_solid
+from scan2fea.cad.solid import QUILTED, WHOLE, true_solid
 from scan2fea.cad.surfaces import Snap
 from scan2fea.cad.trued import PATCH, Trued
 
 __all__ = [
-    "BOX_OFF", "FACET", "LEAST_LOST", "PATCH", "CadOptions", "Snap", "Trued", "assembly", "box_off_m", "drawn_solid", "patched_solid",
-    "placed_drawing", "prism_brep", "quilted_true_solid", "read_nominal", "to_brep", "true_solid",
+    "BOX_OFF", "FACET", "LEAST_LOST", "PATCH", "QUILTED", "WHOLE", "CadOptions", "Snap", "Trued", "assembly", "box_off_m", "drawn_solid",
+    "patched_solid", "placed_drawing", "prism_brep", "read_nominal", "to_brep", "true_solid",
 ]  # fmt: skip

@@ -14,13 +14,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-from scan2fea.cad import CadOptions, Trued, drawn_solid, patched_solid, placed_drawing, quilted_true_solid, true_solid
+from scan2fea.cad import WHOLE, CadOptions, Trued, drawn_solid, patched_solid, placed_drawing, true_solid
 from scan2fea.io.artifacts import load, save
 from scan2fea.kernel.processes import run_limited
 from scan2fea.types import FloatArray, TriangleMesh
-
-WHOLE, QUILTED = "whole", "quilted"  # true faces alone, or with NURBS patches
-WAYS = {WHOLE: true_solid, QUILTED: quilted_true_solid}
 
 
 def true_solid_in_child(
@@ -33,11 +30,11 @@ def true_solid_in_child(
     resting: tuple[FloatArray, FloatArray] | None = None,
     way: str = WHOLE,
 ) -> Trued:
-    """`true_solid`, or another of WAYS, within `options.time_limit_s` of processor time; where it is stopped or dies the reason says so."""
+    """`true_solid` within `options.time_limit_s` of processor time; where it is stopped or dies the reason says so."""
     if not options.true_faces:
-        return WAYS[way](mesh, points, options, spacing_m=spacing_m, noise_m=noise_m, resting=resting)
-    more = {"spacing_m": spacing_m, "noise_m": noise_m, "resting": resting}
-    return _in_child({"mesh": mesh, "points": points, "options": options, "more": more, "way": way}, options, "true faces")
+        return true_solid(mesh, points, options, spacing_m=spacing_m, noise_m=noise_m, resting=resting, way=way)
+    more = {"spacing_m": spacing_m, "noise_m": noise_m, "resting": resting, "way": way}
+    return _in_child({"mesh": mesh, "points": points, "options": options, "more": more}, options, "true faces")
 
 
 def drawn_solid_in_child(mesh: TriangleMesh, options: CadOptions) -> Trued:
@@ -80,7 +77,7 @@ def main(job: Path, result: Path) -> None:
     threading.Thread(target=_end_with_parent, args=(os.getppid(),), daemon=True).start()
     task = load(job)
     if "points" in task:
-        save(WAYS[task["way"]](task["mesh"], task["points"], task["options"], **task["more"]), result)
+        save(true_solid(task["mesh"], task["points"], task["options"], **task["more"]), result)
     elif "drawing" in task:
         save(placed_drawing(Path(task["drawing"]), task["T"]), result)
     elif "drawn" in task:

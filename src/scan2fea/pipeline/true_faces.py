@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from scan2fea.cad import BOX_OFF, FACET, LEAST_LOST, PATCH, CadOptions, Trued, box_off_m
+from scan2fea.cad import BOX_OFF, FACET, LEAST_LOST, PATCH, QUILTED, WHOLE, CadOptions, Trued, box_off_m
 from scan2fea.errors import StageError
 from scan2fea.kernel.boundary import boundary_surface
 from scan2fea.kernel.coverage import NOISE_SIGMAS, REACH_SPACINGS, deviation
@@ -17,7 +17,7 @@ from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import extent
 from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.pipeline.config import Config
-from scan2fea.pipeline.faces_worker import QUILTED, WHOLE, drawn_solid_in_child, true_solid_in_child
+from scan2fea.pipeline.faces_worker import drawn_solid_in_child, true_solid_in_child
 from scan2fea.pipeline.part import Made, Part
 from scan2fea.pipeline.record import Record, Tracked
 from scan2fea.remeshing import chord_height, evened, looks_drawn, worst_dihedral

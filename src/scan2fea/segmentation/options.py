@@ -21,7 +21,9 @@ class SegmentationOptions:
     )
     supports: bool = option(True, "Find floors, table tops and walls and keep them apart from what stands on them")
     members: bool = option(True, "euclidean: cut what is made of two or more long members (frames, trusses) into these")
-    slenderness: float = option(6.0, "members: times as long as wide, two of them, for a cluster to fall apart; 2 cuts nodes of stubs", minimum=1.0)
+    slenderness: float = option(
+        6.0, "members: how many times as long as wide two of them must be for a cluster to fall apart; 2 cuts nodes of short tubes", minimum=1.0
+    )
     radius_m: float | None = option(None, "Points nearer than this belong together; none: from the spacing of the points", unit="m", minimum=0.0)
     min_points: int = option(100, "A smaller part joins its near neighbour, or is no object", minimum=3)
     max_points: int | None = option(None, "euclidean: a larger part is no object (the thesis: 50000)", minimum=3)

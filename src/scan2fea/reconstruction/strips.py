@@ -37,6 +37,7 @@ EXACT = 1e-12  # spacings: what rounding leaves of an exact offset
 QUIET = 0.01  # spacings: below, the rim is where its exact points are
 WINDOW = 3.0  # spacings inwards from a rim that are looked at
 MIX_ROUNDS = 8
+MOST_LOOKS = 20  # at each point: parts with narrow faces take up to three; a surface rough all over would take hundreds and has none
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -81,14 +82,18 @@ def with_strips(
                 continue
             take(plane, own, rows[np.abs(plane.distance(points[rows])) <= tolerance_m(spacing_m, sigma_m)])
     snaps = (left.direction @ ways.T >= SNAP * left.length[:, None]).any(axis=1) if len(ways) else np.zeros(len(left.length), bool)
+    looks = 0
     for seed in np.lexsort((-left.length * left.area, ~snaps)):  # directions that the planes give come first
-        if not free[seed] or len(found) >= MOST:
+        if not free[seed]:
             continue
+        if len(found) >= MOST or looks > MOST_LOOKS * len(points):
+            break
         own, area = _own(left.middle, left.area, left.direction, left.length, int(seed), free, depth)
         free[seed] = False
         if area < LEAST_AREA * spacing_m**2:
             continue
         rows = left.point[own[left.point_face]]
+        looks += len(rows)
         plane = _placed(points, rows, left, own, ways, spacing_m, sigma_m) if len(rows) >= LEAST_POINTS else None
         if plane is None:
             continue

@@ -63,6 +63,7 @@ def test_ball_is_the_ball(done):
     assert volume(mesh) == pytest.approx(4 / 3 * np.pi * 0.1**3, rel=0.02)
     assert np.linalg.norm(mesh.vertices.mean(axis=0) - [2.0, -0.5, 0.3]) < 0.002
     assert row["fea"]["mass_kg"] == pytest.approx(7850 * volume(mesh), rel=1e-6)
+    assert 3 * row["spacing_m"] < row["surface"]["smallest_hole_m"] < 5 * row["spacing_m"] and "closed unseen" in row["reason"]
 
 
 def test_same_input_same_bytes(done, tmp_path):

@@ -34,6 +34,7 @@ from scan2fea.segmentation import Selection
 from scan2fea.types import Brep, Check, FEModel, FEResult, FloatArray, Member, Parameter, Segments, TetMesh, TriangleMesh
 from scan2fea.verification.limits import limits
 from scan2fea.verification.member import assumed_volume_std
+from scan2fea.verification.tellable import smallest_hole_m
 from scan2fea.verification.verdict import verdict
 
 SCHEMA = 1
@@ -189,7 +190,7 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
         told = made.estimate
         row["member"] = member_row(made.member, told.p_fixed, told.given) if told is not None else member_row(made.member)
     if made.surface is not None and len(made.surface.faces):
-        row["surface"] = surface_row(made.surface)
+        row["surface"] = surface_row(made.surface) | _narrowest(made)
     if made.tets is not None:
         row["volume"] = volume_row(made.tets, made.how.get("steps") or ())
     if made.brep is not None:
@@ -204,7 +205,7 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
     row["verdict"], row["reason"] = found.name, found.reason
     if found.name == "converted" and made.member is not None:
         row["reason"] += assumed(made.member) + (claimed(made.member, made.estimate) + left_out(made.estimate) if made.estimate is not None else "")
-    row["reason"] += _apart(made) if found.name == "converted" else ""
+    row["reason"] += _apart(made) + _narrow_holes(made) if found.name == "converted" else ""
     row["reason"] += drawing_words(made)
     if found.name == "converted" and made.supported_share > 0:
         row["supported_share"] = made.supported_share
@@ -231,6 +232,19 @@ def _apart(made: Made) -> str:
     said = f"; points of different scans may lie {doubt:.2g} m off each other (one standard deviation of their poses)" if doubt > made.sigma_m else ""
     seen = "scans lie {:.2g} mm off each other where several saw the same (one standard deviation)"
     return said + ("; " + seen.format(measured * 1e3) if measured else "")
+
+
+def _narrowest(made: Made) -> dict[str, float]:
+    """`smallest_hole_m` of a free form that was made of points."""
+    if made.member is not None or made.part.mesh is not None or made.surface is None or not made.spacing_m > 0:
+        return {}
+    return {"smallest_hole_m": smallest_hole_m(area(made.surface), made.spacing_m, made.sigma_m)}
+
+
+def _narrow_holes(made: Made) -> str:
+    """The same for the verdict's line."""
+    found = _narrowest(made).get("smallest_hole_m")
+    return f"; holes of less than {float(f'{found * 1e3:.2g}'):g} mm across may have been closed unseen" if found else ""
 
 
 def _not_solved(failed: Mapping[str, str]) -> str:

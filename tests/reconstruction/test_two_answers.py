@@ -114,7 +114,8 @@ def test_places_are_uniform_in_the_solid_however_it_lies():
 
 
 @pytest.mark.parametrize(("against", "source", "asked"), [
-    ((DIFFER,), "sensors", [False, True]), ((DIFFER, "stray points"), "sensors", [False]), ((DIFFER,), "outside flood", [False]),
+    ((DIFFER,), "sensors", [False, True]), ((DIFFER, "stray points"), "sensors", [False, True]), ((DIFFER, "bent faces"), "sensors", [False]),
+    (("stray points",), "sensors", [False]), ((DIFFER,), "outside flood", [False]),
 ])  # fmt: skip
 def test_sight_lines_say_which_is_right_where_flat_solid_and_free_form_differ_alone(monkeypatch, against, source, asked):
     scan = scanned(ANGLE, H, seed=1)[0]

@@ -29,6 +29,7 @@ from scan2fea.reconstruction.flat_solid import flat_solid
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.gates_planar import DIFFER, gates_planar
 from scan2fea.reconstruction.gates_round import one_region, rolled
+from scan2fea.reconstruction.gates_surface import LEFT_OUT
 from scan2fea.reconstruction.lost_bores import closed_bores
 from scan2fea.reconstruction.plane_growing import Planes
 from scan2fea.reconstruction.regular import EXACT
@@ -62,6 +63,8 @@ BARE_PRICE = 0.5  # spacings: what a square metre of boundary without points cos
 VOTE = 0.5  # cubic spacings that a point on a cylinder speaks for on either side
 FEW = 0.1  # of a cell: with less of it seen only that counts
 PLACED = 2  # times that the planes are placed again by the faces they bound
+# of these each may come of a wall that the first surface lacks part of: its points lie on no face of what is left
+MISLABELLED = frozenset({DIFFER, "points beside flat faces", "stray points", LEFT_OUT})
 FULL = 0.5  # points per square spacing that back a facet fully
 BACKED = 0.25  # of them, where the facet says what lies behind it
 
@@ -134,8 +137,8 @@ def served(
 
     Of two solids of planes, with narrow faces as their points or as the outlines of walls tell them, that of fewer faces is taken.
     Cylinders are looked for where planes alone do not serve, with the outlines of walls first. Where sensors are known and the first surface is
-    refused, or differs from a flat solid that nothing else speaks against, what is hidden has led it astray: then sight lines label the cells in its
-    place, before any cylinder is tried.
+    refused, or differs from a flat solid that nothing else speaks against but points on none of its faces, what is hidden has led it astray: then
+    sight lines label the cells in its place, before any cylinder is tried.
     bores : that the points tell: planes alone close those of few points.   grown : the planes under all points; None: not asked, or too many.
     """
     seen, by_lines = first.source == "sensors", bool(failed(first.checks))
@@ -175,7 +178,8 @@ def served(
                 best = flat if best is None or _n_faces(flat) < _n_faces(best) else best
                 break
             refused.append(flat)
-            differs = {check.name for check in against} == {DIFFER}
+            names = {check.name for check in against}
+            differs = DIFFER in names and names <= MISLABELLED
             why = "; ".join(check.name for check in against)
     return (replace(first, how={**first.how, "not_planar": why}) if best is None else best), tuple(refused)
 

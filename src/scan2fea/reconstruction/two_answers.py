@@ -26,7 +26,7 @@ from scan2fea.reconstruction.wall_ends import LIMIT
 from scan2fea.types import Check, FloatArray, Scan, TriangleMesh
 
 # of these none is about where points lie
-WHERE = frozenset({DIFFER, HIDDEN_VOLUME, WALL_ENDS, BARE_FACES, EMPTY_PLACES, UNSEEN_WALLS, VOLUME_IN_DOUBT, "unmeasured area"})
+WHERE = frozenset({DIFFER, FLAT_INSTEAD, HIDDEN_VOLUME, WALL_ENDS, BARE_FACES, EMPTY_PLACES, UNSEEN_WALLS, VOLUME_IN_DOUBT, "unmeasured area"})
 # of these each may come of points on the wall of a hole that the faces close, or of planes that lean among those of its rim
 OF_LOST_HOLES = WHERE | {
     LOST_HOLES, "points beside flat faces", "deviation p95", "stray points", "points afloat inside", "scatter about flat faces", "bent faces"

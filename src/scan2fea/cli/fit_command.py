@@ -51,7 +51,7 @@ def _print_objects(objects: Sequence[FittedObject]) -> None:
     for one in objects:
         print(f"\nobject {one.id}")
         print(f"  points        {one.n_points:,}")
-        member = one.found.member or one.found.likeliest
+        member = one.found.shown
         if member is None:
             print(f"  member        none: {one.found.reason}")
         else:

@@ -65,7 +65,7 @@ def fit_file(path: Path, config: Config) -> FittedFile:
     require(not drawings, UsageError, f"{', '.join(drawings)}: is no drawing of a straight member; `run` compares the part with it")
     named = assigned(known, {1: scan.cloud.points}, shift)
     found = estimate(scan, config.estimation, config.route, own_section(named, 1))
-    return FittedFile(raw=raw, found=found, member=found.member or found.likeliest, shift_m=shift)
+    return FittedFile(raw=raw, found=found, member=found.shown, shift_m=shift)
 
 
 def fit_objects(path: Path, config: Config) -> tuple[FittedObject, ...]:
@@ -77,14 +77,14 @@ def fit_objects(path: Path, config: Config) -> tuple[FittedObject, ...]:
     if raw.mesh is not None:
         return ()
     scene = clean(place_all((raw,), config.registration, names=[path.name]), config.filtering)
-    found = _fitted(scene, path, config)
+    found = _fitted(scene, config)
     if found or config.segmentation.slenderness <= STUBS:
         return found
-    stubs = _fitted(scene, path, replace(config, segmentation=replace(config.segmentation, slenderness=STUBS)))
-    return stubs if any((one.found.member or one.found.likeliest) is not None for one in stubs) else ()
+    stubs = _fitted(scene, replace(config, segmentation=replace(config.segmentation, slenderness=STUBS)))
+    return stubs if any(one.found.shown is not None for one in stubs) else ()
 
 
-def _fitted(scene: Scene, path: Path, config: Config) -> tuple[FittedObject, ...]:
+def _fitted(scene: Scene, config: Config) -> tuple[FittedObject, ...]:
     """The objects of a scene, each fitted as a member; none where it is one object."""
     segments = segment(scene, config.segmentation, config.repair.small_part)
     if len(segments.kinds) < 2:
@@ -117,7 +117,7 @@ def member_tree(fitted: FittedFile, objects: Sequence[FittedObject] = ()) -> dic
 
 
 def _object_row(one: FittedObject) -> dict[str, Any]:
-    found, member = one.found, one.found.member or one.found.likeliest
+    found, member = one.found, one.found.shown
     row = {} if member is None else member_row(member, found.p_fixed, found.given)
     return {"id": one.id, "n_points": one.n_points, "explains": found.explains, "reason": found.reason, **row}
 

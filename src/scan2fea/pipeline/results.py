@@ -205,7 +205,7 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
     row["verdict"], row["reason"] = found.name, found.reason
     if found.name == "converted" and made.member is not None:
         row["reason"] += assumed(made.member) + (claimed(made.member, made.estimate) + left_out(made.estimate) if made.estimate is not None else "")
-    row["reason"] += _apart(made) + _narrow_holes(made) if found.name == "converted" else ""
+    row["reason"] += _apart(made) + _narrow_holes(row) if found.name == "converted" else ""
     row["reason"] += drawing_words(made)
     if found.name == "converted" and made.supported_share > 0:
         row["supported_share"] = made.supported_share
@@ -241,9 +241,9 @@ def _narrowest(made: Made) -> dict[str, float]:
     return {"smallest_hole_m": smallest_hole_m(area(made.surface), made.spacing_m, made.sigma_m)}
 
 
-def _narrow_holes(made: Made) -> str:
-    """The same for the verdict's line."""
-    found = _narrowest(made).get("smallest_hole_m")
+def _narrow_holes(row: Mapping[str, Any]) -> str:
+    """The same for the verdict's line, of objects[]."""
+    found = row.get("surface", {}).get("smallest_hole_m")
     return f"; holes of less than {float(f'{found * 1e3:.2g}'):g} mm across may have been closed unseen" if found else ""
 
 

@@ -76,6 +76,11 @@ class Estimate(Value):
     likeliest: Member | None = None
 
     @property
+    def shown(self) -> Member | None:
+        """What may be looked at: the member, or the likeliest section."""
+        return self.member or self.likeliest
+
+    @property
     def untold(self) -> tuple[str, ...]:
         """Dimensions that the member was built with as given, of which the points tell nothing."""
         return tuple(g.name for g in self.given if g.held and g.measured_m is None)

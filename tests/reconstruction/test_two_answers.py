@@ -5,15 +5,16 @@ import numpy as np
 import pytest
 
 from predicates import box, moved, rotation
-from scan2fea.kernel.distances import signed_distance
+from scan2fea.kernel.distances import sample_surface, signed_distance
 from scan2fea.kernel.measures import volume
 from scan2fea.reconstruction import reconstruct, visibility
 from scan2fea.reconstruction.bare_ends import BARE_ENDS
 from scan2fea.reconstruction.budget import FLAT_INSTEAD, VOLUME_IN_DOUBT, WALL_ENDS
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.gates_planar import DIFFER
+from scan2fea.reconstruction.inner_places import PLACES, inner_places, told_by_left_out
 from scan2fea.reconstruction.planar import flattened, served
-from scan2fea.reconstruction.two_answers import CUT, PLACES, apart, contradicted, inner_places
+from scan2fea.reconstruction.two_answers import CUT, apart, contradicted
 from scan2fea.simulation.polyhedra import meshed, prism
 from scan2fea.types import PointCloud, Scan
 from scanned import scan_of, scanned
@@ -100,6 +101,28 @@ def test_what_one_of_two_solids_holds_more_is_counted_beyond_what_spacing_and_no
         assert check.passed == (check.value <= 0.02)
         other = apart(scan, replace(first, mesh=cube), less)  # where the free form holds more, the share is of the flat solid
         assert abs(other.value - due / (1.0 - slab)) < 4 * np.sqrt(due / PLACES) / (1.0 - slab) + 1e-12
+
+
+@pytest.mark.parametrize(("asked", "reach", "due"), [(1.0, 0.3, 0.2), (1.0, 0.05, 0.2 - 0.9 * 0.9 * 0.15), (0.8, 0.3, 0.0)])
+def test_volume_that_a_surface_lacks_about_points_that_it_left_out_is_theirs_to_tell(asked, reach, due):
+    """A cube, and the same without a slab of it whose points are there; below the slab none is left out."""
+    cube, less = box((1.0, 1.0, 1.0)), box((1.0, 1.0, 0.8))
+    points = sample_surface(cube, 40_000, 0)[0]
+    points = points[points[:, 2] <= asked]
+    off = np.maximum(points[:, 2] - 0.8, 0.0)
+    told = told_by_left_out(points, cube, less, off, 1e-9, reach)
+    assert abs(told - due) < 4 * np.sqrt(due / PLACES) + 1e-12
+
+
+@pytest.mark.parametrize("source", ["outside flood", "sensors"])
+def test_a_first_surface_that_left_points_out_is_no_witness_of_what_lies_about_them(source):
+    """An end of the angle is off the first surface, and its points are there; sight lines tell of it themselves."""
+    scan = Scan(cloud=scanned(ANGLE, H, seed=1)[0].cloud)
+    first = visibility(scan)
+    short = moved(meshed(prism([[0, 0], [0.8, 0], [0.8, T], [T, T], [T, 0.8], [0, 0.8]], 0.9)), rotation(109), np.array([2.0, 0.0, -1.0]))
+    flat = flattened(scan, replace(first, mesh=short, source=source))
+    assert volume(flat.mesh) == pytest.approx(volume(ANGLE), rel=0.01)
+    assert (DIFFER in {check.name for check in failed(flat.checks)}) == (source == "sensors")
 
 
 def test_places_are_uniform_in_the_solid_however_it_lies():

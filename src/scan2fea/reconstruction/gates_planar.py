@@ -21,7 +21,8 @@ from scan2fea.reconstruction.flat_gaps import flat_ends, half_seen_ends, hidden_
 from scan2fea.reconstruction.gates import in_all
 from scan2fea.reconstruction.gates_outside import GAPS_ENTERED
 from scan2fea.reconstruction.gates_round import one_region, out_of_round, rolled, round_distance
-from scan2fea.reconstruction.gates_surface import afloat, deviation, left_out, mean_curvature, stray
+from scan2fea.reconstruction.gates_surface import REACH_SPACINGS, afloat, deviation, left_out, mean_curvature, stray
+from scan2fea.reconstruction.inner_places import told_by_left_out
 from scan2fea.reconstruction.lost_holes import lost_holes
 from scan2fea.reconstruction.plane_growing import Planes, tolerance_m
 from scan2fea.reconstruction.round_cuts import Shapes
@@ -78,6 +79,10 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
     cut, grown = _rims(mesh, h, sigma)
     larger = before / body - 1.0
     apart = max(0.0, larger - grown / body, -larger - cut / body) if seen_through_m3 is None else seen_through_m3 / body
+    if apart > APART and not by_lines and first.source == "outside flood" and larger < 0.0:
+        off_first = PointToMesh(first.mesh).nearest(measured).distance
+        own = off <= far
+        apart = max(0.0, apart - told_by_left_out(measured[own], mesh, first.mesh, off_first[own], far, REACH_SPACINGS * h) / body)
     flats = replace(mesh, faces=mesh.faces[number < 0], face_region=region[number < 0])
     checks = [
         at_most(

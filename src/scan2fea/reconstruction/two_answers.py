@@ -19,11 +19,12 @@ from scan2fea.reconstruction.empty_places import EMPTY_PLACES
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.gates import failed, in_all
 from scan2fea.reconstruction.gates_planar import DIFFER, RIM_CUT
+from scan2fea.reconstruction.inner_places import inner_places
 from scan2fea.reconstruction.lost_holes import LOST_HOLES, holes_apart
 from scan2fea.reconstruction.sight import Sight, blocked_lines
 from scan2fea.reconstruction.visibility import Reconstruction
 from scan2fea.reconstruction.wall_ends import LIMIT
-from scan2fea.types import Check, FloatArray, Scan, TriangleMesh
+from scan2fea.types import Check, Scan, TriangleMesh
 
 # of these none is about where points lie
 WHERE = frozenset({DIFFER, FLAT_INSTEAD, HIDDEN_VOLUME, WALL_ENDS, BARE_FACES, EMPTY_PLACES, UNSEEN_WALLS, VOLUME_IN_DOUBT, "unmeasured area"})
@@ -33,8 +34,6 @@ OF_LOST_HOLES = WHERE | {
 }  # fmt: skip
 CUT = math.sqrt(RIM_CUT)  # spacings that a square edge lies before the chord which cuts RIM_CUT square spacings off it
 SENSORS, FLOOD = "sensors", "outside flood"  # what told the outside
-PLACES = 4000  # in the flat solid: 2 % of them are known to 0.2
-MOST_DRAWN = 2_000_000
 
 
 def contradicted(scan: Scan, found: Reconstruction, flats: Sequence[Reconstruction], seed: int = 0) -> Reconstruction:
@@ -92,17 +91,3 @@ def apart(scan: Scan, found: Reconstruction, flat: TriangleMesh, seed: int = 0) 
         f"{around(np.concatenate(where))}: a corner or an end may not have been scanned; scan it too, or fit the member"
     )
     return at_most(FLAT_INSTEAD, share, LIMIT, says)
-
-
-def inner_places(mesh: TriangleMesh, seed: int = 0) -> FloatArray:
-    """(k, 3) random places in a closed mesh, about PLACES, drawn in the box along its principal axes."""
-    middle = mesh.vertices.mean(axis=0)
-    axes = np.linalg.svd(mesh.vertices - middle, full_matrices=False)[2]
-    along = (mesh.vertices - middle) @ axes.T
-    low, high = along.min(axis=0), along.max(axis=0)
-    rng, kept, n, drawn = np.random.default_rng(seed), [np.zeros((0, 3))], 0, 0
-    while n < PLACES and drawn < MOST_DRAWN:
-        places = middle + rng.uniform(low, high, (5 * PLACES, 3)) @ axes
-        kept.append(places[signed_distance(places, mesh) < 0])
-        n, drawn = n + len(kept[-1]), drawn + 5 * PLACES
-    return np.concatenate(kept)[:PLACES]

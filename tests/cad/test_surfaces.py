@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from predicates import rotation
-from scan2fea.cad.surfaces import simplest
+from scan2fea.cad.surfaces import fit_to_points, simplest, snapped
 from scan2fea.kernel.surfaces import CYLINDER, PLANE, SPHERE, Surface
 
 X, Y, Z = np.eye(3)
@@ -80,3 +80,17 @@ def test_a_half_round_stays_round():
     found = simplest(round_rim(4.5e-3), half_round(4e-3), 0.1)
     assert found.surface.kind == CYLINDER
     assert found.surface.radius == pytest.approx(4e-3, rel=0.02)
+
+
+def turned(start, stop, radius, seed, n=400):
+    """The cylinder of points that go some way round z."""
+    rng = np.random.default_rng(seed)
+    angle = rng.uniform(start, stop, n)
+    points = shaken(np.c_[radius * np.cos(angle), radius * np.sin(angle), rng.uniform(0, 0.1, n)], seed)
+    return fit_to_points(Surface(kind=CYLINDER, point=np.zeros(3), axis=Z, radius=radius, sense=-1), points, 0.1)
+
+
+@pytest.mark.parametrize(("first_turn", "radii", "n"), [(2 * np.pi, False, 1), (np.pi / 2, False, 0), (np.pi / 2, True, 1)])
+def test_nothing_is_put_on_an_axis_that_is_known_with_its_radius_only_while_touch_may_move_it(first_turn, radii, n):
+    fits = [turned(0, first_turn, 4e-3, 0), turned(np.pi, 1.5 * np.pi, 4e-3, 1)]
+    assert sum(s.relation == "concentric" for s in snapped(fits, radii=radii)[1]) == n

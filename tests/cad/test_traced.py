@@ -15,9 +15,9 @@ from scan2fea.cad.network import LEAST_FACES, network_of
 from scan2fea.cad.patches import Patches, segmented
 from scan2fea.cad.readback import read_back, volume_of
 from scan2fea.cad.rolled import with_rings_and_balls
-from scan2fea.cad.tangency import Touch, made_to_touch
+from scan2fea.cad.tangency import Touch, made_to_touch, sided, touches_of
 from scan2fea.cad.traced import LOOSE, traced_solid
-from scan2fea.kernel.surfaces import CYLINDER, PLANE, SPHERE, TORUS, Surface, fitted
+from scan2fea.kernel.surfaces import CONE, CYLINDER, PLANE, SPHERE, TORUS, Surface, fitted
 from scan2fea.types import TriangleMesh
 
 
@@ -118,10 +118,44 @@ def test_what_does_not_touch_is_left():
     assert made[1] == round_one
 
 
-def test_a_ring_in_pieces_of_cylinders_is_one_torus():
+def test_a_border_that_does_not_touch_keeps_none_from_it_that_do():
+    floor, lower = plane((0, 0, 0), (0, 0, -1)), plane((0, 0, -0.2), (0, 0, -1))
+    round_one = Surface(kind=CYLINDER, point=np.array([0.0, 0.0, 4.03]), axis=np.array([0.0, 1.0, 0.0]), radius=4.0)
+    at = np.column_stack([np.zeros(5), np.linspace(-8, 8, 5), np.zeros(5)])
+    touches = [Touch(chain=k, first=k // 2, second=2, at=at, across=np.tile([1.0, 0.0, 0.0], (5, 1)), most=3.0) for k in range(3)]
+    made, kept = made_to_touch([floor, lower, round_one], [1e-8 * np.eye(3)] * 2 + [1e-2 * np.eye(5)], touches, 0.1)
+    assert [t.first for t in kept] == [0, 0]
+    assert made[2].point[2] - made[2].radius == pytest.approx(0.0, abs=1e-4)
+    assert made[1].point[2] == pytest.approx(-0.2, abs=1e-9)
+
+
+def test_faces_beyond_a_line_of_touch_go_to_the_other_side_of_it():
+    mesh, label, surfaces = rounded_all_over(0.0)
+    c = mesh.vertices[mesh.faces].mean(1)
+    top = next(k for k, s in enumerate(surfaces) if s.kind == PLANE and s.axis[2] > 0.9)
+    bow = next(k for k, s in enumerate(surfaces) if s.kind == CYLINDER and abs(s.axis[0]) > 0.9 and (s.point > c.mean(0))[1:].all())
+    line = surfaces[bow].point[1]
+    astray = (label == bow) & (c[:, 1] < line + 2.0) & (np.abs(c[:, 0] - c[:, 0].mean()) < 8.0)
+    torn = np.where(astray, top, label)
+    assert astray.sum() > 10
+    covariances = small([{PLANE: 3, CYLINDER: 5, SPHERE: 4}[s.kind] for s in surfaces])
+    network = network_of(mesh, torn, surfaces)
+    made, kept = made_to_touch(surfaces, covariances, touches_of(mesh, network, surfaces, covariances, 0.3, 1.5), 0.3)
+    told = sided(mesh, network.surface[network.label], network.chains, kept, made)
+    assert (told != label)[astray].mean() < 0.2  # those at its ends are left
+    assert (told != label)[~astray].mean() < 0.01
+
+
+@functools.cache
+def ring_in_pieces():
     mesh = torus(20.0, 4.0, 96, 24)
     noisy = TriangleMesh(vertices=mesh.vertices + 0.02 * np.random.default_rng(0).standard_normal(mesh.vertices.shape), faces=mesh.faces)
     pieces = segmented(noisy, 0.1)
+    return noisy, pieces
+
+
+def test_a_ring_in_pieces_of_cylinders_is_one_torus():
+    noisy, pieces = ring_in_pieces()
     assert len(pieces.surfaces) > 3
     found = with_rings_and_balls(noisy, pieces, 0.1)
     rings = [s for s in found.surfaces if s.kind == TORUS]
@@ -129,7 +163,18 @@ def test_a_ring_in_pieces_of_cylinders_is_one_torus():
     assert (rings[0].radius, rings[0].second) == pytest.approx((20.0, 4.0), abs=0.02)
 
 
-def test_a_ball_that_came_as_a_cylinder_is_a_ball_and_a_cylinder_stays():
+def test_a_piece_of_a_ring_that_came_as_bent_the_other_way_is_the_rings():
+    noisy, pieces = ring_in_pieces()
+    c = noisy.vertices[noisy.faces].mean(1)
+    inner = (np.hypot(c[:, 0], c[:, 1]) < 18.0) & (np.abs(np.arctan2(c[:, 1], c[:, 0])) < 0.6)
+    wrong = Surface(kind=SPHERE, point=np.zeros(3), axis=np.array([0.0, 0.0, 1.0]), radius=16.0, sense=-1)
+    label = np.where(inner, len(pieces.surfaces), pieces.label)
+    found = with_rings_and_balls(noisy, Patches(label=label, surfaces=(*pieces.surfaces, wrong)), 0.1)
+    assert [s.kind for s in found.surfaces] == [TORUS]
+    assert (found.label == 0).mean() > 0.99
+
+
+def test_a_ball_that_came_as_a_cylinder_or_a_cone_is_a_ball_and_a_cylinder_stays():
     rounded, _, _ = filleted()
     mesh = TriangleMesh(vertices=rounded.vertices * 1e3, faces=rounded.faces)
     patches = segmented(mesh, 0.05)
@@ -137,6 +182,10 @@ def test_a_ball_that_came_as_a_cylinder_is_a_ball_and_a_cylinder_stays():
     wrong = list(patches.surfaces)
     for k in balls[:2]:
         wrong[k] = Surface(kind=CYLINDER, point=wrong[k].point, axis=np.array([0.0, 0.0, 1.0]), radius=4.0, sense=wrong[k].sense)
+    rows = np.unique(mesh.faces[patches.label == balls[2]])
+    out = mesh.vertices[rows].mean(0) - wrong[balls[2]].point
+    cone = Surface(kind=CONE, point=wrong[balls[2]].point, axis=out / np.linalg.norm(out), radius=4.0, second=-0.8, sense=wrong[balls[2]].sense)
+    wrong[balls[2]] = fitted(cone, mesh.vertices[rows])
     found = with_rings_and_balls(mesh, Patches(label=patches.label, surfaces=tuple(wrong)), 0.05)
     kinds = [s.kind for s in found.surfaces]
     assert kinds.count(SPHERE) == len(balls)
@@ -145,25 +194,33 @@ def test_a_ball_that_came_as_a_cylinder_is_a_ball_and_a_cylinder_stays():
 
 def test_what_is_left_of_balls_between_three_rounds_becomes_balls():
     """13 faces of each of eight, noise of a sixteenth of the radius: a cylinder explains one of them better, until both have been led on."""
-    mesh, _, _ = filleted(1.2)
+    noisy, label, surfaces = rounded_all_over(0.25, 1.2, 1.2)
+    surfaces = [
+        s if s.kind == PLANE else fitted(dataclasses.replace(s, kind=CYLINDER), noisy.vertices[np.unique(noisy.faces[label == k])])
+        for k, s in enumerate(surfaces)
+    ]
+    kinds = [s.kind for s in with_rings_and_balls(noisy, Patches(label=label, surfaces=tuple(surfaces)), 0.8).surfaces]
+    assert (kinds.count(PLANE), kinds.count(CYLINDER), kinds.count(SPHERE)) == (6, 12, 8)
+
+
+def rounded_all_over(noise, edge=1.5, swallowed=0.0):
+    """`filleted` with noise, in mm; the surface of each face, and these 26. swallowed : mm, width of the balls' borders that the rounds have."""
+    mesh, _, _ = filleted(edge)
     at = mesh.vertices * 1e3
     c = at[mesh.faces].mean(1)
     off = c - np.clip(c, at.min(0) + 4, at.max(0) - 4)
     beyond = np.abs(off) > 1e-6
-    swallowed = beyond.all(axis=1) & (np.abs(off).min(axis=1) < 1.2)
-    beyond[np.flatnonzero(swallowed), np.abs(off[swallowed]).argmin(axis=1)] = False
+    taken = beyond.all(axis=1) & (np.abs(off).min(axis=1) < swallowed)
+    beyond[np.flatnonzero(taken), np.abs(off[taken]).argmin(axis=1)] = False
     keys, label = np.unique(np.sign(off).astype(int) * beyond, axis=0, return_inverse=True)
-    noisy = TriangleMesh(vertices=at + 0.25 * np.random.default_rng(4).standard_normal(at.shape), faces=mesh.faces)
+    noisy = TriangleMesh(vertices=at + noise * np.random.default_rng(4).standard_normal(at.shape), faces=mesh.faces)
     surfaces = []
-    for k, key in enumerate(keys):
+    for key in keys:
         point = np.where(key > 0, at.max(0) - 4, np.where(key < 0, at.min(0) + 4, at.mean(0)))
-        if np.abs(key).sum() == 1:
-            surfaces.append(Surface(kind=PLANE, point=point + 4 * key, axis=key.astype(float)))
-            continue
-        axis = (key == 0).astype(float) if np.abs(key).sum() == 2 else np.array([0.0, 0.0, 1.0])
-        surfaces.append(fitted(Surface(kind=CYLINDER, point=point, axis=axis, radius=4.0), noisy.vertices[np.unique(mesh.faces[label.ravel() == k])]))
-    kinds = [s.kind for s in with_rings_and_balls(noisy, Patches(label=label.ravel(), surfaces=tuple(surfaces)), 0.8).surfaces]
-    assert (kinds.count(PLANE), kinds.count(CYLINDER), kinds.count(SPHERE)) == (6, 12, 8)
+        n = np.abs(key).sum()
+        axis = (key == 0).astype(float) if n == 2 else np.array([0.0, 0.0, 1.0])
+        surfaces.append(plane(point + 4 * key, key) if n == 1 else Surface(kind={2: CYLINDER, 3: SPHERE}[n], point=point, axis=axis, radius=4.0))
+    return noisy, label.ravel(), surfaces
 
 
 @functools.cache

@@ -12,7 +12,7 @@ import numpy as np
 
 from scan2fea.cad.competing import competed
 from scan2fea.cad.patches import GROW_COSINE, Near, Patches, is_bent
-from scan2fea.kernel.surfaces import CYLINDER, FREEDOMS, PLANE, SPHERE, TORUS, Surface, fit_surface, fitted
+from scan2fea.kernel.surfaces import CONE, CYLINDER, FREEDOMS, PLANE, SPHERE, TORUS, Surface, fit_surface, fitted
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
 
 SMOOTH = 0.94  # cosine of normals across a border that is no crease
@@ -38,16 +38,19 @@ def with_rings_and_balls(mesh: TriangleMesh, patches: Patches, tolerance_m: floa
 
 
 def _with_rings(near: Near, label: IntArray, surfaces: list[Surface], tolerance: float) -> tuple[IntArray, list[Surface]]:
-    n = len(surfaces)
-    area = np.bincount(label[label >= 0], weights=near.areas[label >= 0], minlength=n)
+    area = np.bincount(label[label >= 0], weights=near.areas[label >= 0], minlength=len(surfaces))
     beside = _beside(near, label, surfaces)
-    for k in np.argsort(-area, kind="stable").tolist():
+    begun = np.argsort(-area, kind="stable").tolist()
+    for k in begun:  # and from each ring that is found: noise can leave it in two
         group = [j for j in beside.get(k, []) if (label == j).any()]
-        if surfaces[k].kind != CYLINDER or not (label == k).any() or not group:
+        if surfaces[k].kind not in (CYLINDER, TORUS) or not (label == k).any() or not group:
             continue
-        alike = [j for j in range(n) if surfaces[j].kind != PLANE and surfaces[j].sense == surfaces[k].sense]
+        alike = [j for j, s in enumerate(surfaces) if s.kind != PLANE and s.sense == surfaces[k].sense]
         free = (label < 0) | np.isin(label, alike)
         found = _ring(near, np.flatnonzero(np.isin(label, [k, *group])), free, surfaces[k], tolerance)
+        bent_other = [] if found is None else _saddles(near, label, surfaces, found[1], tolerance)
+        if found is not None and bent_other:
+            found = _ring(near, found[0], free | np.isin(label, bent_other), found[1], tolerance)
         if found is None:
             continue
         rows, ring = found
@@ -59,7 +62,10 @@ def _with_rings(near: Near, label: IntArray, surfaces: list[Surface], tolerance:
             continue
         label[np.isin(label, np.flatnonzero(whole))] = -1
         label[rows] = len(surfaces)
+        begun.append(len(surfaces))
         surfaces.append(ring)
+        area = np.append(area, total)
+        beside = _beside(near, label, surfaces)
     return label, surfaces
 
 
@@ -86,9 +92,7 @@ def _ring(near: Near, rows: IntArray, free: BoolArray, like: Surface, tolerance:
         ring = None if start is None else fitted(start, corners)
         if ring is None or ring.second >= SLIMMEST * ring.radius:
             return None
-        at = near.mesh.vertices[near.mesh.faces[rows]]
-        lies = np.abs(ring.distance(at.reshape(-1, 3))).reshape(-1, 3).max(1) <= tolerance
-        lies &= np.einsum("ij,ij->i", ring.normals(near.centres[rows]), near.smooth[rows]) > GROW_COSINE
+        lies = _lies(near, rows, ring, tolerance)
         if not lies.any():
             return None
         inside = np.zeros(len(near.areas), bool)
@@ -101,6 +105,20 @@ def _ring(near: Near, rows: IntArray, free: BoolArray, like: Surface, tolerance:
     return rows, ring if ring is not None else like
 
 
+def _lies(near: Near, rows: IntArray, surface: Surface, tolerance: float) -> BoolArray:
+    """Which faces have all corners on the surface and look its way."""
+    off = np.abs(surface.distance(near.mesh.vertices[near.mesh.faces[rows]].reshape(-1, 3))).reshape(-1, 3).max(1)
+    return np.asarray((off <= tolerance) & (np.einsum("ij,ij->i", surface.normals(near.centres[rows]), near.smooth[rows]) > GROW_COSINE))
+
+
+def _saddles(near: Near, label: IntArray, surfaces: list[Surface], ring: Surface, tolerance: float) -> list[int]:
+    """Round patches of the other sense of which most lies on a ring: its inner half is a saddle, whose pieces may come as bent either way."""
+    rows = np.flatnonzero(label >= 0)
+    on = rows[_lies(near, rows, ring, tolerance)]
+    share = [np.bincount(label[r], weights=near.areas[r], minlength=len(surfaces)) for r in (on, rows)]
+    return [j for j, s in enumerate(surfaces) if s.kind != PLANE and s.sense != ring.sense and share[0][j] > SWALLOWED * share[1][j]]
+
+
 def _corners(near: Near, rows: IntArray) -> tuple[FloatArray, FloatArray]:
     """The corners of some faces, and the mean normal of these faces there."""
     used, index = np.unique(near.mesh.faces[rows], return_inverse=True)
@@ -110,7 +128,8 @@ def _corners(near: Near, rows: IntArray) -> tuple[FloatArray, FloatArray]:
 
 def _first_torus(points: FloatArray, normals: FloatArray, like: Surface) -> Surface | None:
     """A tube of the radius of a cylinder: its middle line, that far within the points, is a circle."""
-    line = points - like.sense * like.radius * normals
+    tube = like.second if like.kind == TORUS else like.radius
+    line = points - like.sense * tube * normals
     middle = line.mean(0)
     turned = np.linalg.eigh((line - middle).T @ (line - middle))[1]
     e = turned[:, 1:].T
@@ -120,7 +139,7 @@ def _first_torus(points: FloatArray, normals: FloatArray, like: Surface) -> Surf
         return None
     x, y, c = np.linalg.lstsq(matrix, (flat**2).sum(1), rcond=None)[0]
     radius = float(np.sqrt(max(c + x * x + y * y, 0.0)))
-    return replace(like, kind=TORUS, point=middle + np.array([x, y]) @ e, axis=turned[:, 0], radius=radius, second=like.radius)
+    return replace(like, kind=TORUS, point=middle + np.array([x, y]) @ e, axis=turned[:, 0], radius=radius, second=tube)
 
 
 def _with_balls(near: Near, label: IntArray, surfaces: list[Surface]) -> tuple[IntArray, list[Surface]]:
@@ -132,7 +151,7 @@ def _with_balls(near: Near, label: IntArray, surfaces: list[Surface]) -> tuple[I
     changed, doubtful = False, []
     for k, surface in enumerate(surfaces):
         rows = np.flatnonzero(label == k)
-        if surface.kind != CYLINDER or len(rows) < LEAST_CORNERS:
+        if surface.kind not in (CYLINDER, CONE) or len(rows) < LEAST_CORNERS:
             continue
         corners, normals = _corners(near, rows)
         ball = fit_surface(SPHERE, corners, normals)

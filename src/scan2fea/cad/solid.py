@@ -291,16 +291,19 @@ def _traced(body: Body, patches: Patches, told: Mapping[int, FloatArray] = NOTHI
     surfaces = [in_mm(f.surface, middle) for f in fits]
     covariances = [covariance_in_mm(f) for f in fits]
 
-    def built(label: IntArray, surfaces: list[Surface], *, walls: bool, bridged: bool) -> tuple[Traced, Compared]:
+    def built(label: IntArray, surfaces: list[Surface], *, walls: bool, bridged: bool, parted: bool = False) -> tuple[Traced, Compared]:
         told = covariances + [np.zeros((0, 0))] * (len(surfaces) - len(covariances))
-        made = traced_solid(local, label, surfaces, told, scale.tolerance_m * mm, scale.spacing_m * mm, walls=walls, bridged=bridged)
+        size = scale.tolerance_m * mm, scale.spacing_m * mm
+        made = traced_solid(local, label, surfaces, told, *size, walls=walls, bridged=bridged, parted=parted)
         if made.solid is None or not is_valid(made.solid):
             return made, Compared(problem="the faces close no valid solid")
         return made, body.compared(made.solid)
 
     made, found = built(patches.label, surfaces, walls=False, bridged=True)
+    first = found.problem
     if found.problem:
-        first = found.problem
+        made, found = built(patches.label, surfaces, walls=False, bridged=True, parted=True)
+    if found.problem:
         made, found = built(patches.label, surfaces, walls=True, bridged=False)
         label, more = with_extruded(local, patches.label, surfaces, made.wall, scale.tolerance_m * mm, scale.spacing_m * mm)
         if len(more) > len(surfaces):

@@ -130,7 +130,8 @@ def _flat_middle(found: Fit, middle: FloatArray, n: int, size_m: float) -> Fit:
 def snapped(fits: Sequence[Fit], *, radii: bool = True) -> tuple[list[Fit], list[Snap]]:
     """The fits with all relations applied that the data do not refuse, and every relation that was tested.
 
-    radii : those between radii, and between centres of balls, too.
+    radii : those between radii, and between centres of balls, too. Without, what touches moves the surfaces yet: nothing is put on an axis that is
+        known with its radius only (a quarter of a turn).
     """
     out, snaps = list(fits), []  # type: tuple[list[Fit], list[Snap]]
     groups = _directions(out, snaps)
@@ -141,7 +142,7 @@ def snapped(fits: Sequence[Fit], *, radii: bool = True) -> tuple[list[Fit], list
             out[k] = _again(out[k], free[k])
     for members in groups:
         _coplanar([k for k in members if out[k].surface.kind == PLANE], out, snaps)
-        _concentric([k for k in members if out[k].surface.kind != PLANE], out, free, snaps)
+        _concentric([k for k in members if out[k].surface.kind != PLANE], out, free, snaps, is_last=radii)
     if radii:
         _one_centre([k for k, f in enumerate(out) if f.surface.kind == SPHERE], out, free, snaps)
         _equal_radii(out, free, snaps)
@@ -271,7 +272,7 @@ def _coplanar(members: list[int], out: list[Fit], snaps: list[Snap]) -> None:
             known.append([k])
 
 
-def _concentric(members: list[int], out: list[Fit], free: list[BoolArray], snaps: list[Snap]) -> None:
+def _concentric(members: list[int], out: list[Fit], free: list[BoolArray], snaps: list[Snap], *, is_last: bool) -> None:
     """Round surfaces of one direction on one axis."""
     known: list[int] = []
     for k in sorted(members, key=lambda k: (float(np.trace(out[k].covariance[:2, :2])), k)):
@@ -292,7 +293,16 @@ def _concentric(members: list[int], out: list[Fit], free: list[BoolArray], snaps
                 out[k] = _again(out[k], free[k])
                 break
         else:
-            known.append(k)
+            known += [k] if is_last or not _hangs_on_radius(out[k]) else []
+
+
+def _hangs_on_radius(fit: Fit) -> bool:
+    """Would most of the variance of its radius go if the axis were known? Of three quarters of a turn a quarter would, of one quarter all."""
+    if fit.surface.kind != CYLINDER:
+        return False
+    cov = fit.covariance[np.ix_((0, 1, 4), (0, 1, 4))]
+    shared = cov[2, :2] @ np.linalg.pinv(cov[:2, :2]) @ cov[:2, 2]
+    return bool(shared > cov[2, 2] / 2)
 
 
 def _equal_radii(out: list[Fit], free: list[BoolArray], snaps: list[Snap]) -> None:

@@ -7,15 +7,16 @@ normals agree; that the distances agree there is one linear equation in the step
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from scan2fea.cad.extruded import EXTRUDED
-from scan2fea.cad.network import Network, smoothed
+from scan2fea.cad.network import Chain, Network, smoothed
 from scan2fea.kernel.polylines import evenly
 from scan2fea.kernel.surfaces import PLANE, TORUS, Surface, moved, slopes
-from scan2fea.types import FloatArray, TriangleMesh, Value
+from scan2fea.kernel.topology import edge_table
+from scan2fea.types import FloatArray, IntArray, TriangleMesh, Value
 
 SMOOTH = float(np.cos(np.radians(30.0)))  # a small cylinder that misses its plane by the noise meets it so
 PLACES = 7  # along a border
@@ -26,6 +27,7 @@ ROUNDS = 10
 FIRST, LAST, FALL = 3e-2, 1e-3, 0.3  # mm: how closely the equations are asked for, round by round
 LOUD = 20.0  # times that: an equation farther off speaks no louder
 REFUSED = 0.05  # of the tolerance: a border that is still farther from touching does not touch
+LEFT = 0.5  # of the worst: what misses by more is left in one round
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -54,11 +56,9 @@ def touches_of(
             continue
         line = smoothed(mesh.vertices[chain.vertices])
         at = evenly(line, PLACES)
-        normal = a.normals(at) + b.normals(at)
         if float(np.median(np.einsum("ij,ij->i", a.normals(at), b.normals(at)))) < SMOOTH:
             continue
-        across = np.cross(normal, np.gradient(at, axis=0))
-        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+        across = _across(a, b, at, np.gradient(at, axis=0))
         most = float(np.sqrt(2 * sharpest(a, b) * tolerance)) + 2 * spacing
         inner = slice(None) if (line[0] == line[-1]).all() else slice(1, -1)
         touch = Touch(chain=number, first=first, second=second, at=at[inner], across=across[inner], most=most)
@@ -100,14 +100,17 @@ def _slid(touch: Touch, a: Surface, b: Surface) -> FloatArray:
 def made_to_touch(
     surfaces: Sequence[Surface], covariances: Sequence[FloatArray], touches: Sequence[Touch], tolerance: float
 ) -> tuple[list[Surface], list[Touch]]:
-    """The surfaces moved so that they touch, and the borders where they do; the others are asked once and then left."""
-    if not touches:
-        return list(surfaces), []
-    _, gaps = _joint(surfaces, covariances, touches, LAST)
-    kept = [touch for touch, gap in zip(touches, gaps, strict=True) if gap <= REFUSED * tolerance + 1e-5]
-    if not kept:
-        return list(surfaces), []
-    return _joint(surfaces, covariances, kept, LAST)[0], kept
+    """The surfaces moved so that they touch, and the borders where they do. Those that miss most are left first: two that do not touch (rounds that
+    noise lets meet beside their ball) keep others, which they are asked with, from it.
+    """
+    limit, kept = REFUSED * tolerance + 1e-5, list(touches)
+    while kept:
+        now, gaps = _joint(surfaces, covariances, kept, LAST)
+        worst = max(gaps)
+        if worst <= limit:
+            return now, kept
+        kept = [touch for touch, gap in zip(kept, gaps, strict=True) if gap <= max(limit, LEFT * worst)]
+    return list(surfaces), []
 
 
 def _joint(
@@ -143,3 +146,38 @@ def _joint(
 def _root(covariance: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh((covariance + covariance.T) / 2)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def sided(mesh: TriangleMesh, label: IntArray, chains: Sequence[Chain], touches: Sequence[Touch], surfaces: Sequence[Surface]) -> IntArray:
+    """Labels with the faces beyond the line along which two surfaces touch given to the other of them: on either side of it noise lets neither tell.
+
+    label : (m,) surface of each face.   surfaces : made to touch.
+    """
+    label, centres, of = label.copy(), mesh.vertices[mesh.faces].mean(1), edge_table(mesh.faces).twin.reshape(-1, 3) // 3
+    for touch in touches:
+        a, b = surfaces[touch.first], surfaces[touch.second]
+        line = smoothed(mesh.vertices[chains[touch.chain].vertices])
+        at = evenly(line, len(line))
+        along = np.gradient(at, axis=0)
+        dense = replace(touch, at=at, across=_across(a, b, at, along))
+        place = _slid(dense, a, b)
+        for own, other, side in ((touch.second, touch.first, 1.0), (touch.first, touch.second, -1.0)):
+            for _ in range(SLIDES):
+                rows = np.flatnonzero((label == own) & (label[of] == other).any(1))
+                apart = centres[rows][:, None] - place
+                near = np.linalg.norm(apart, axis=2).argmin(1)
+                apart = apart[np.arange(len(rows)), near]
+                beyond = side * np.einsum("ij,ij->i", apart, dense.across[near]) > 0
+                step = np.linalg.norm(along[near], axis=1)
+                beyond &= np.abs(np.einsum("ij,ij->i", apart, along[near])) <= step**2  # not past its ends
+                beyond &= np.linalg.norm(apart, axis=1) <= touch.most
+                if not beyond.any():
+                    break
+                label[rows[beyond]] = other
+    return label
+
+
+def _across(a: Surface, b: Surface, at: FloatArray, along: FloatArray) -> FloatArray:
+    """(n, 3) unit vectors across a border, to the left of it."""
+    across = np.cross(a.normals(at) + b.normals(at), along)
+    return np.asarray(across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300))

@@ -19,7 +19,7 @@ from scan2fea.cad.live import direction, is_valid, parts, pnt, solid_of_faces, u
 from scan2fea.cad.network import Network, network_of
 from scan2fea.cad.occ import drawn_surface
 from scan2fea.cad.roundings import MEETS
-from scan2fea.cad.tangency import made_to_touch, touches_of
+from scan2fea.cad.tangency import made_to_touch, sided, touches_of
 from scan2fea.kernel.measures import face_areas
 from scan2fea.kernel.polylines import length_of
 from scan2fea.kernel.surfaces import CONE, CYLINDER, PLANE, SPHERE, Surface
@@ -54,18 +54,19 @@ class Traced(Value):
 
 def traced_solid(
     mesh_mm: TriangleMesh, label: IntArray, surfaces: Sequence[Surface], covariances: Sequence[FloatArray], tolerance: float, spacing: float,
-    *, walls: bool = False, bridged: bool = False, free: BoolArray | None = None, exact: float = EXACT,
+    *, walls: bool = False, bridged: bool = False, parted: bool = False, free: BoolArray | None = None, exact: float = EXACT,
 ) -> Traced:  # fmt: skip
     """The solid of labelled faces, in millimetres. label : (m,) number of the surface of each, -1 where the nearest beside it is to be taken.
 
     walls : small patches whose corners or edges lie on no common point of their surfaces are walls of free form: their triangles become faces.
     Where a face comes out not valid the borders of walls on it are made even, and then, if small, it is a wall too.
     bridged : where noise lets two patches touch across a third, the faces there are the third's.
+    parted : where surfaces do not meet, borders of those that touch are drawn again along the line of touch.
     free : (m,) faces of free form, each a face of the solid from the start.   exact : edges nearer than this to a line or an arc are one.
     """
     wall = np.zeros(len(label), bool) if free is None else free
     area, evened, n_bridged = face_areas(mesh_mm), False, 0
-    for _ in range(WALLS + BRIDGED):
+    for _ in range(WALLS + BRIDGED + parted):
         network = network_of(mesh_mm, label, surfaces, wall)
         touches = touches_of(mesh_mm, network, surfaces, covariances, tolerance, spacing)
         loose = _loose(mesh_mm, network, surfaces, {touch.chain for touch in touches})
@@ -80,6 +81,11 @@ def traced_solid(
         bridges = meeting.bridges(tolerance, edges) if bridged and n_bridged < BRIDGED else []
         if bridges:
             label, n_bridged = _without(mesh_mm, network, label, bridges), n_bridged + 1
+            continue
+        unmet = [names for names, _ in meeting.unmet(tolerance, edges)] if parted else []
+        astray = [touch for touch in kept if any({touch.first, touch.second} <= names for names in unmet)]
+        if astray:
+            label, parted = sided(mesh_mm, own, network.chains, astray, made), False
             continue
         small = {k for k in meeting.missed(tolerance, edges) if k >= 0 and float(area[own == k].sum()) <= SMALL * float(area.sum())}
         if not small or not walls:

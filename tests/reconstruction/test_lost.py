@@ -1,10 +1,16 @@
 """Bores that were scanned and the solid closes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from predicates import moved, rotation
-from scan2fea.reconstruction.lost_bores import closed_bores, facing_axis, told_bores
+from scan2fea.kernel.measures import volume
+from scan2fea.kernel.topology import surface_topology
+from scan2fea.reconstruction import reconstruct
+from scan2fea.reconstruction.gates import failed
+from scan2fea.reconstruction.lost_bores import BORES_CLOSED, closed_bores, facing_axis, told_bores
 from scan2fea.simulation.shapes import bracket
 from scanned import scanned
 
@@ -61,3 +67,40 @@ def test_points_round_an_empty_circle_that_lie_in_a_band_across_it_are_of_anothe
     along = points[own] @ axis
     points[own] += (share - 1.0) * (along - along.mean())[:, None] * axis
     assert len(told_bores(points, normals, H, NOISE)) == told
+
+
+FOUR = [("a", x, y, 0.0055) for x in (0.03, 0.075) for y in (0.014, 0.046)]  # 2.3 spacings wide, of which a plate's edge is 1.5 away
+PLATE = moved(bracket(0.09, 0.06, 0.012, 0.06, FOUR, 2e-5), POSE, AT)
+
+
+@pytest.mark.parametrize(("seed", "passes"), [(0, True), (7, False)])
+def test_bolt_holes_beside_an_edge_are_told_and_opened_in_a_surface_by_sensors_or_it_is_refused(seed, passes):
+    scan, _, normals = scanned(PLATE, 0.0048, 0.00025, seed=seed)
+    bores = told_bores(scan.cloud.points, normals, 0.0048, 0.00025)
+    assert [bore.surface.radius for bore in bores] == pytest.approx([0.0055] * 4, rel=0.1)
+    found = reconstruct(scan)  # had none to two of the four, and passed in five scans of eight
+    if passes:
+        assert not failed(found.checks) and surface_topology(found.mesh).n_handles == 4
+        assert volume(found.mesh) == pytest.approx(volume(PLATE), rel=0.006)
+    else:
+        assert BORES_CLOSED in [check.name for check in failed(found.checks)]
+
+
+def test_a_bore_behind_whose_wall_there_is_no_solid_or_that_is_no_handle_is_none():
+    scan, _, normals = scanned(PART, H, NOISE, seed=0)
+    bores = told_bores(scan.cloud.points, normals, H, NOISE)
+    assert closed_bores(bores, moved(PART, np.eye(3), np.array([1.0, 0.0, 0.0]))).value == 2.0
+    assert closed_bores(bores[:1], PART).passed and not closed_bores([*bores, *_aside(bores)], PART).passed
+
+
+def _aside(bores):
+    """The bores once more, in the open."""
+    away = [replace(bore.surface, point=bore.surface.point + np.array([0.0, 0.0, 9.0])) for bore in bores]
+    return [replace(bore, surface=surface, wall=bore.wall + np.array([0.0, 0.0, 9.0])) for bore, surface in zip(bores, away, strict=True)]
+
+
+def test_two_skins_of_a_wall_are_no_circle():
+    """Both skins of a wall of 1.7 spacings, 60 mm long between two ends that hold points: a circle as wide as the wall touches both."""
+    slab = moved(bracket(0.12, 0.05, 0.0075, 0.06, [], 2e-5), POSE, AT)
+    scan, _, normals = scanned(slab, H, 0.0003, seed=1)
+    assert told_bores(scan.cloud.points, normals, H, 0.0003) == []

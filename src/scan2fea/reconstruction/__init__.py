@@ -12,7 +12,7 @@ from scan2fea.kernel.face_tree import morton_order
 from scan2fea.options import option
 from scan2fea.reconstruction.advancing_front import FrontOptions, advancing_front
 from scan2fea.reconstruction.ball_pivoting import PivotOptions, ball_pivoting
-from scan2fea.reconstruction.bores import Bore
+from scan2fea.reconstruction.bores import Bore, distinct_bores
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.gates_planar import CURED
 from scan2fea.reconstruction.lost_bores import BORES_CLOSED, closed_bores, told_bores
@@ -27,7 +27,7 @@ from scan2fea.reconstruction.shapes_found import grown_planes
 from scan2fea.reconstruction.sharpened import served_sharp
 from scan2fea.reconstruction.thin import distinct, thinned
 from scan2fea.reconstruction.two_answers import contradicted
-from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, first_surface, looked_again, told_images, visibility
+from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, first_surface, looked_again, opened, told_images, visibility
 from scan2fea.types import Scan
 
 METHODS: Mapping[str, Callable[[Scan, VisibilityOptions], Reconstruction]] = {
@@ -72,8 +72,11 @@ def _with_flats(scan: Scan, options: ReconstructionOptions) -> tuple[Reconstruct
     Where flat faces may cure all that is against the first surface they are asked before it is looked for again: that takes several times as long.
     """
     begun = first_surface(scan, options)
+    grown, bores = _planes_and_bores(scan, begun.surface)
+    begun, closed = opened(scan, options, begun, bores), begun
+    if begun is not closed:
+        grown, bores = _planes_and_bores(scan, begun.surface, bores)
     found = begun.surface
-    grown, bores = _planes_and_bores(scan, found)
     flats: tuple[Reconstruction, ...] = ()
     against = {check.name for check in failed(found.checks)}
     curable = options.flat and against <= CURED
@@ -84,13 +87,15 @@ def _with_flats(scan: Scan, options: ReconstructionOptions) -> tuple[Reconstruct
     again = looked_again(scan, options, begun)
     if not options.flat or (curable and again is begun.surface):
         return (found if curable else again), flats, bores
-    grown, bores = _planes_and_bores(scan, again)
+    grown, bores = _planes_and_bores(scan, again, bores)
     return *served(scan, again, options.seed, bores, grown), bores
 
 
-def _planes_and_bores(scan: Scan, found: Reconstruction) -> tuple[Planes | None, Sequence[Bore]]:
+def _planes_and_bores(scan: Scan, found: Reconstruction, before: Sequence[Bore] = ()) -> tuple[Planes | None, Sequence[Bore]]:
+    """The planes under the points of a surface, and the bores that the points tell beside them, or told `before` beside others."""
     grown = grown_planes(scan.cloud.points, found)
-    return grown, [] if grown is None else told_bores(scan.cloud.points, found.normals, found.spacing_m, found.sigma_m, grown)
+    more = [] if grown is None else told_bores(scan.cloud.points, found.normals, found.spacing_m, found.sigma_m, grown)
+    return grown, distinct_bores([*before, *more])
 
 
 def _nothing_lost(found: Reconstruction, bores: Sequence[Bore]) -> Reconstruction:

@@ -19,7 +19,9 @@ from scan2fea.reconstruction.round_growing import off_round_m, radius_std
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 EMPTY = 6.0  # points of both faces that a circle lacks: what lies on the hole's wall then proves it, between the faces no point lies by chance
+HELD_EMPTY = 3.0  # the same where the points on the wall are counted first (`every_bore`): a hole of 1.6 spacings
 AROUND = 8  # sectors round a hole, each with points of the faces, and of at least half with points of its wall
+BESIDE_EDGE = 6  # of these, where the points on the wall are counted first: a bolt hole beside the edge of a plate has hardly any on one side
 WIDE = 2.5  # times the radius of an empty circle: how far these points of the faces may lie
 SAME_RADIUS = 0.25  # of the larger: two bores on one axis whose radii differ by more are steps
 ALONG = 0.9  # cosine between the axes of bores that may be one
@@ -66,7 +68,7 @@ class Bore(Value):
 
 def wall_bores(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: float) -> list[Bore]:
     """Round holes between parallel faces of walls, those of most points first. points : (n, 3) raw, in the rows of planes.label."""
-    return distinct(every_bore(points, planes, spacing_m, sigma_m))
+    return distinct_bores(every_bore(points, planes, spacing_m, sigma_m))
 
 
 def every_bore(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: float, deepest_m: float = math.inf, held: float = 0.0) -> list[Bore]:
@@ -82,7 +84,7 @@ def every_bore(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: fl
     return found
 
 
-def distinct(bores: list[Bore]) -> list[Bore]:
+def distinct_bores(bores: list[Bore]) -> list[Bore]:
     """Of bores that overlap the one with most points."""
     kept: list[Bore] = []
     for bore in sorted(bores, key=lambda bore: -len(bore.wall)):
@@ -116,7 +118,8 @@ def _between(points: FloatArray, planes: Planes, i: int, j: int, spacing_m: floa
     if not len(middle) or not between.any():
         return []
     density = 2.0 * _density(points[planes.label == i] @ axes.T, spacing_m)
-    large = np.flatnonzero(np.pi * density * radius**2 >= EMPTY)
+    large = np.flatnonzero(np.pi * density * radius**2 >= (HELD_EMPTY if held else EMPTY))
+    sectors = BESIDE_EDGE if held else AROUND
     near_flat, wall, out = Near.of(flat), points[between], list[Bore]()
     near_wall, faces = Near.of(wall @ axes.T), [Near.of(points[planes.label == k] @ axes.T) for k in (i, j)]
     if held:
@@ -126,12 +129,10 @@ def _between(points: FloatArray, planes: Planes, i: int, j: int, spacing_m: floa
     large = large[np.argsort(-radius[large], kind="stable")]
     is_free = np.ones(len(large), bool)  # of the circles taken before
     for number, k in enumerate(large):
-        if not is_free[number] or not _around(near_flat, middle[k], radius[k]):
+        if not is_free[number] or len(_sectors(near_flat.places[near_flat.within(middle[k], WIDE * radius[k])] - middle[k])) < sectors:
             continue
         is_free &= np.linalg.norm(middle[large] - middle[k], axis=1) >= radius[k]
-        start = Surface(
-            kind=CYLINDER, point=middle[k] @ axes + plane.offset * plane.normal, axis=plane.normal, radius=float(radius[k]), sense=-1
-        )
+        start = Surface(kind=CYLINDER, point=middle[k] @ axes + plane.offset * plane.normal, axis=plane.normal, radius=float(radius[k]), sense=-1)
         hole = _fitted(start, wall, near_wall, is_deep, near_flat, axes, spacing_m, sigma_m)
         if hole is not None:
             centre, wide = hole[0].point @ axes.T, WIDE * hole[0].radius
@@ -144,11 +145,6 @@ def _density(flat: FloatArray, spacing_m: float) -> float:
     """Points per area of one face, by the squares of a grid of three spacings that hold any."""
     cells = np.unique(np.floor(flat / (3.0 * spacing_m)).astype(np.int64), axis=0)
     return len(flat) / (len(cells) * 9.0 * spacing_m**2)
-
-
-def _around(flat: Near, middle: FloatArray, radius: float) -> bool:
-    """Are there points of the faces on all sides of a circle?"""
-    return len(_sectors(flat.places[flat.within(middle, WIDE * radius)] - middle)) == AROUND
 
 
 def _sectors(across: FloatArray) -> FloatArray:

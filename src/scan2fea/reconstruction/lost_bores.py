@@ -11,13 +11,15 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.spatial import cKDTree
 from scipy.special import chdtrc
 
 from scan2fea.errors import ReconstructionError
 from scan2fea.kernel.delaunay import Tetrahedralisation
 from scan2fea.kernel.distances import signed_distance
 from scan2fea.kernel.surfaces import Surface
-from scan2fea.reconstruction.bores import AROUND, CLEAR, Bore, distinct, every_bore
+from scan2fea.kernel.topology import surface_topology
+from scan2fea.reconstruction.bores import ALONG, AROUND, CLEAR, LEAST_POINTS, RADIUS_KNOWN, Bore, distinct_bores, every_bore
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.plane_growing import Planes, grow_planes
 from scan2fea.reconstruction.round_growing import CHORD, off_round_m
@@ -27,7 +29,13 @@ BORES_CLOSED = "scanned bores that are closed"
 WIDEST = 4.0  # spacings, radius: what closes a wider one is bare for all to see, and may be a bolt
 HELD = 0.4  # of the points due on the wall of a bore between its two faces: noise, or another face between these, puts few there
 DEEPEST = 8.0  # times that radius: from one face to the other
-SECTORS = 6  # of AROUND that hold some
+SECTORS = 5  # of AROUND: many points of a wall lie in more
+LEAST_TOLD, CIRCLE_CHANCE = 8, 1e-4  # points of its wall; that as many at random, in one of dozens of circles, lie so near to its edge
+OUTWARD = 0.5  # mean cosine between normals and the way from the axis: of skins 0.6 to 0.9, of bores 0.3 at most
+LIKE_CHANCE = 1e-3  # the same where another bore is as wide and as deep
+BEHIND = 0.25  # of the radius of a bore, from its wall into the solid
+LEAST_SIDE = 2  # points of a sector of its wall, that tell the solid there
+BESIDE = 4  # of the sectors round it that hold points of each face: the edge of a plate may run past a hole
 FREE, CHANCE = 3, 0.05  # centre and radius are fitted; that points of a circle scatter so far about it
 BAND_CHANCE = 1e-3  # that the points on the wall of a bore reach over so little of its depth
 CORE, BOTTOM = 0.7, 3  # of the radius: so many points of a bottom lie nearer to the axis, of the wall none
@@ -45,19 +53,25 @@ def told_bores(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_
     except ReconstructionError:
         return []
     found = every_bore(points, planes, spacing_m, sigma_m, DEEPEST * WIDEST * spacing_m, HELD)
-    return distinct([bore for bore in found if _is_told(bore, points, spacing_m, sigma_m)])
+    nearest = cKDTree(points) if found else None
+    found = [bore for bore in found if nearest is not None and _faces_in(bore, normals[nearest.query(bore.wall)[1]])]
+    told = [bore for bore in found if _is_told(bore, points, spacing_m, sigma_m, LEAST_TOLD, CIRCLE_CHANCE)]
+    like = [bore for bore in found if any(_is_like(bore, other) for other in told)]
+    more = [bore for bore in like if _is_told(bore, points, spacing_m, sigma_m, LEAST_POINTS, LIKE_CHANCE)]
+    return distinct_bores([*told, *more])
 
 
 def closed_bores(bores: Sequence[Bore], mesh: TriangleMesh) -> Check:
-    """Does the solid lie across the axis of one of the bores, between the outermost points of its wall?"""
+    """Does the solid lie across the axis of one of the bores, between the outermost points of its wall, or is there none behind a side of this?"""
     axes = [_on_axis(bore.surface, bore.wall) for bore in bores]
     inside = signed_distance(np.concatenate(axes), mesh).reshape(-1, STEPS).min(axis=1) < 0 if axes else np.zeros(0, bool)
-    closed = [bore.surface.point for bore, is_closed in zip(bores, inside, strict=True) if is_closed]
+    closed = [bore.surface.point for bore, is_closed in zip(bores, inside, strict=True) if is_closed or _is_broken(bore, mesh)]
+    n = max(len(closed), _n_axes(bores) - surface_topology(mesh).n_handles)  # one that is open to the side is no handle
     says = (
-        f"the points show {len(bores)} bores, and the solid closes {len(closed)} of them{around(np.array(closed))}: "
+        f"the points show {len(bores)} bores, and the solid closes or breaks {n} of them{around(np.array(closed))}: "
         "give the sensor position, or scan them more densely"
     )
-    return at_most(BORES_CLOSED, float(len(closed)), 0.0, says)
+    return at_most(BORES_CLOSED, float(n), 0.0, says)
 
 
 def facing_axis(bore: Bore, points: FloatArray, normals: FloatArray, spacing_m: float, sigma_m: float) -> FloatArray:
@@ -81,23 +95,75 @@ def in_bores(bores: Sequence[Bore], tetra: Tetrahedralisation, share: float = CO
     return out
 
 
-def _is_told(bore: Bore, points: FloatArray, spacing_m: float, sigma_m: float) -> bool:
+def _faces_in(bore: Bore, normals: FloatArray) -> bool:
+    """Do the normals (k, 3) of its wall not all look away from the axis? Those of the skins of a wall do, between which a circle fits; of few points
+    of a bore they are blended with those of the faces, or look to the axis.
+    """
+    aside = bore.wall - _foot(bore.surface, bore.wall)
+    return bool(np.einsum("ij,ij->i", normals, aside / np.linalg.norm(aside, axis=1, keepdims=True)).mean() < OUTWARD)
+
+
+def _is_like(bore: Bore, other: Bore) -> bool:
+    """Is a bore as wide and as deep as another, along the same direction? Bolt holes come in patterns: one more of the same needs less proof."""
+    as_wide = abs(bore.surface.radius - other.surface.radius) < RADIUS_KNOWN * other.surface.radius
+    as_deep = abs(bore.depth_m - other.depth_m) < RADIUS_KNOWN * other.depth_m
+    return bool(as_wide and as_deep and abs(bore.surface.axis @ other.surface.axis) > ALONG)
+
+
+def _is_told(bore: Bore, points: FloatArray, spacing_m: float, sigma_m: float, least: int, chance: float) -> bool:
     surface, wall = bore.surface, bore.wall
     along, aside = _along(surface, wall), (wall - surface.point) @ surface.frame().T
     deep = bore.depth_m - 2.0 * CLEAR * sigma_m
     due = 2.0 * math.pi * surface.radius * deep / spacing_m**2
-    sectors = np.unique(np.floor(np.arctan2(aside[:, 1], aside[:, 0]) / (2.0 * np.pi) * AROUND))
-    if surface.radius > WIDEST * spacing_m or bore.around < SECTORS or len(wall) < HELD * due or len(sectors) < SECTORS:
+    if surface.radius > WIDEST * spacing_m or bore.around < BESIDE or len(wall) < HELD * due or not _all_round(aside):
         return False
     if _in_a_band(np.ptp(along) / deep, len(wall)):
         return False
-    spread = sigma_m + CHORD * spacing_m
+    spread = math.hypot(sigma_m, CHORD * spacing_m)
     if chdtrc(len(wall) - FREE, float((surface.distance(wall) ** 2).sum()) / spread**2) < CHANCE:
+        return False
+    width = math.sqrt(3.0 * float((surface.distance(wall) ** 2).mean()))  # of a band as evenly filled; at random points lie anywhere in the circle
+    share = 4.0 * surface.radius * width / (surface.radius + off_round_m(spacing_m, sigma_m)) ** 2
+    if len(wall) < least or min(share, 1.0) ** (len(wall) - FREE) > chance:
         return False
     every = _along(surface, points)
     near = points[(every > along.min()) & (every < along.max())]
     off = near - surface.point
     return bool(np.sum(np.linalg.norm(off - np.outer(off @ surface.axis, surface.axis), axis=1) < CORE * surface.radius) < BOTTOM)
+
+
+def _n_axes(bores: Sequence[Bore]) -> int:
+    """How many of the bores do not lie in one another: a step is none of its own."""
+    kept: list[Surface] = []
+    for bore in bores:
+        own = bore.surface
+        off = [own.point - other.point for other in kept]
+        along = [abs(float(own.axis @ other.axis)) > ALONG for other in kept]
+        aside = [float(np.linalg.norm(away - (away @ own.axis) * own.axis)) for away in off]
+        if not any(a and far < max(own.radius, other.radius) for a, far, other in zip(along, aside, kept, strict=True)):
+            kept.append(own)
+    return len(kept)
+
+
+def _is_broken(bore: Bore, mesh: TriangleMesh) -> bool:
+    """Is there no solid behind the points of one sector of its wall? It is open to the side then: what lies between it and an edge is lost."""
+    aside = bore.wall - _foot(bore.surface, bore.wall)
+    sector = np.floor(np.arctan2(*(aside @ bore.surface.frame().T).T[::-1]) / (2.0 * np.pi) * AROUND).astype(np.int64) + AROUND // 2
+    behind = signed_distance(bore.wall + BEHIND * aside, mesh) < 0
+    n, n_solid = np.bincount(sector, minlength=AROUND + 1), np.bincount(sector, weights=behind, minlength=AROUND + 1)
+    return bool(((n >= LEAST_SIDE) & (n_solid == 0)).any())
+
+
+def _all_round(aside: FloatArray) -> bool:
+    """Does the axis lie among the points (n, 2) of the wall, in as many sectors about it as so many have by chance, SECTORS at most?
+
+    Those of a fillet or a notch lie on one side of it, those of the two skins of a wall on two. n points leave all but k of m sectors bare with a
+    probability of at most C(m, k) (k / m)^n.
+    """
+    turn = np.sort(np.arctan2(aside[:, 1], aside[:, 0]))
+    few = next((k for k in range(SECTORS) if math.comb(AROUND, k + 1) * ((k + 1) / AROUND) ** len(turn) > BAND_CHANCE), SECTORS)
+    in_sectors = len(np.unique(np.floor(turn / (2.0 * np.pi) * AROUND)))
+    return bool(in_sectors > few and np.diff(np.append(turn, turn[0] + 2.0 * math.pi)).max() < math.pi)
 
 
 def _in_a_band(reach: float, n: int) -> bool:
@@ -110,6 +176,11 @@ def _in_a_band(reach: float, n: int) -> bool:
 
 def _along(surface: Surface, points: FloatArray) -> FloatArray:
     return np.asarray((points - surface.point) @ surface.axis)
+
+
+def _foot(surface: Surface, points: FloatArray) -> FloatArray:
+    """(n, 3) the places on the axis that are nearest."""
+    return np.asarray(surface.point + np.outer(_along(surface, points), surface.axis))
 
 
 def _on_axis(surface: Surface, wall: FloatArray) -> FloatArray:

@@ -7,28 +7,32 @@ closed and free of self-intersections by construction, for every input (referenc
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
 from scan2fea.errors import ReconstructionError, require
+from scan2fea.kernel.delaunay import Tetrahedralisation
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.noise import spacing
 from scan2fea.options import option
+from scan2fea.reconstruction.bores import Bore
 from scan2fea.reconstruction.budget import WALL_ENDS
 from scan2fea.reconstruction.carve import Carved, carve
 from scan2fea.reconstruction.denoise import first_normals
 from scan2fea.reconstruction.evidence import Ends
 from scan2fea.reconstruction.gates import Evidence, failed, gates_seen
 from scan2fea.reconstruction.hidden import hidden_points
+from scan2fea.reconstruction.lost_bores import WHOLE, closed_bores, facing_axis, in_bores
 from scan2fea.reconstruction.opposite import with_opposite
 from scan2fea.reconstruction.outside import OutsideOptions
 from scan2fea.reconstruction.ranges import by_ranges, on_surface, ray_sigma
 from scan2fea.reconstruction.raster import Images, images_of
 from scan2fea.reconstruction.sensors import REJECTED, blocked_share, outer_side
 from scan2fea.reconstruction.turned import with_turned
-from scan2fea.reconstruction.unseen import unseen
+from scan2fea.reconstruction.unseen import FLOOD_SOURCE, unseen
 from scan2fea.reconstruction.wall_ends import unseen_ends
 from scan2fea.types import Check, FloatArray, IntArray, PointCloud, Scan, TriangleMesh, Value
 
@@ -137,6 +141,20 @@ def looked_again(scan: Scan, options: VisibilityOptions, first: First) -> Recons
     return blind if fewer and not is_same else seen  # planes may mend what is left
 
 
+def opened(scan: Scan, options: VisibilityOptions, first: First, bores: Sequence[Bore]) -> First:
+    """The surface by the sensors again where it closes bores whose walls were scanned; as it is where they stay closed or more checks fail."""
+    evidence = first.evidence
+    if evidence is None or closed_bores(bores, first.surface.mesh).passed:
+        return first
+    try:
+        found = _seen(scan.cloud, options, scan.sensors(), evidence.spacing_m, bores=bores)
+    except ReconstructionError:  # the first surface is one, and is told to close them
+        return first
+    if found is None or not closed_bores(bores, found[0].mesh).passed or len(failed(found[0].checks)) > len(failed(first.surface.checks)):
+        return first
+    return First(surface=found[0], evidence=found[1])
+
+
 def told_images(scan: Scan, options: VisibilityOptions) -> Images | None:
     """The images that the order of the points tells, where no sensor positions are known."""
     if not options.use_sensors or scan.rays is not None or scan.cloud.is_inferred is not None:
@@ -155,20 +173,28 @@ def scans_apart(between_m: float) -> dict[str, float]:
 
 
 def _seen(
-    cloud: PointCloud, options: VisibilityOptions, sensors: FloatArray, spacing_m: float, ends: tuple[Ends, ...] = ()
+    cloud: PointCloud,
+    options: VisibilityOptions,
+    sensors: FloatArray,
+    spacing_m: float,
+    ends: tuple[Ends, ...] = (),
+    bores: Sequence[Bore] = (),
 ) -> tuple[Reconstruction, Evidence] | None:
     """The surface by the sensors, and what it was judged on; None where they do not stand the test.
 
-    ends : of walls, on which nothing was measured, that a surface before it had.
+    ends : of walls, on which nothing was measured, that a surface before it had.   bores : that are open.
     """
     frame = frames_of(cloud)
     normals, sigma, between = first_normals(cloud.points, outer_side(cloud.points, sensors, cloud.normals), spacing_m, frame)
     blocked = blocked_share(cloud.points, normals, sensors, spacing_m, sigma, options.seed)
     if blocked > REJECTED:
         return None
+    for bore in bores:
+        normals = facing_axis(bore, cloud.points, normals, spacing_m, sigma)
     carved = carve(
-        cloud.points, normals, sensors, spacing_m, sigma, between_m=between, quality_weight=options.quality_weight, seed=options.seed
-    )
+        cloud.points, normals, sensors, spacing_m, sigma, between_m=between, quality_weight=options.quality_weight, seed=options.seed,
+        prior=partial(_in_bores, bores) if bores else None, kept=partial(in_bores, bores, share=WHOLE) if bores else None,
+    )  # fmt: skip
     evidence = Evidence(
         points=cloud.points,
         mesh=carved.mesh,
@@ -187,6 +213,11 @@ def _seen(
     checks = (*gates_seen(evidence, carved.labels.held), *dark_holes(carved.resolved.n_dark))
     found = _result(carved, spacing_m, sigma, "sensors", "known", checks, {"rays_blocked": blocked, **scans_apart(between)})
     return replace(found, ends=_ends(checks, evidence)), evidence
+
+
+def _in_bores(bores: Sequence[Bore], tetra: Tetrahedralisation) -> FloatArray:
+    """(m,) votes for outside."""
+    return np.where(in_bores(bores, tetra), FLOOD_SOURCE, 0.0)
 
 
 def _with_unseen(

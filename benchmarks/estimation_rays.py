@@ -23,6 +23,8 @@ import scans
 from in_parallel import ordered, read_state, run_all
 
 from scan2fea.errors import Scan2FeaError
+from scan2fea.estimation.catalogue import outer_sizes
+from scan2fea.estimation.catalogued import catalogued
 from scan2fea.estimation.ray_data import prepared
 from scan2fea.estimation.ray_likelihood import RayOptions, fit_rays
 from scan2fea.estimation.ray_model import WALL_PRIOR, RayLayout, RayModel
@@ -85,7 +87,12 @@ def run(what):
         return {"cell": name, "seed": seed, "error": str(error), "seconds": time.process_time() - begin}
     row = {"cell": name, "seed": seed, "seconds": time.process_time() - begin, "hits": fit.n_hits, "misses": fit.n_misses}
     told = {one.name: (one.value_m - solid.values()[one.name], one.std_m if one.observable else None) for one in fit.member.parameters}
-    return {**row, **told}
+    try:
+        sizes = outer_sizes(catalogued(fit.member).catalogue)
+    except Scan2FeaError:  # no leg was told: the table says nothing
+        sizes = ()
+    off = max((abs(sizes[0][0][name] - solid.values()[name]) for name in "ab"), default=None) if sizes else None
+    return {**row, **told, "table": (off, sizes[0][1] if sizes else 0.0)}
 
 
 def table(name, rows):
@@ -95,6 +102,12 @@ def table(name, rows):
         return
     of = {d: np.array([row[d] for row in good], float) * 1e3 for d in ("a", "b", "t", "length")}
     report("legs", np.concatenate([of["a"], of["b"]]), 3.0 if CELLS[name][0] in ("inner", "outer") else 1.5)
+    known = np.array([row["table"] for row in good if "table" in row], float).reshape(-1, 2)  # nan: the table says nothing
+    if len(known):
+        limit, sure = (0.003 if CELLS[name][0] in ("inner", "outer") else 0.0015), known[known[:, 1] > 0.5]
+        right = np.mean(known[:, 0] < limit)
+        of_sure = f", of {len(sure)} with a probability over 0.5 {np.mean(sure[:, 0] < limit):.0%}" if len(sure) else ""
+        print(f"    likeliest outer size of the catalogue: both legs within {limit * 1e3} mm in {right:.1%} of {len(known)}{of_sure}", flush=True)
     report("t", of["t"], 2.0)
     report("length", of["length"], 5.0)
 

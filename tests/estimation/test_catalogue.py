@@ -7,7 +7,7 @@ import pytest
 
 from estimation.made import made
 from scan2fea.errors import EstimationError, InputError, UsageError
-from scan2fea.estimation.catalogue import ESTIMATE, OTHER, posterior, prior_thickness, standard_odds
+from scan2fea.estimation.catalogue import ESTIMATE, OTHER, outer_sizes, posterior, prior_thickness, standard_odds
 from scan2fea.estimation.catalogued import catalogued
 from scan2fea.estimation.table import Table, parse_table, read_table, shipped_table, shipped_text
 from scan2fea.kernel.outline import outline, outline_area
@@ -30,6 +30,14 @@ def test_shipped_table_is_sound():
     he = TABLE.named("he 140a")
     assert he is not None and dict(he.parameters) == pytest.approx({"h": 0.133, "b": 0.14, "tw": 0.0055, "tf": 0.0085})
     assert outline_area(outline("I", he.parameters, he.root_radius_m)) == pytest.approx(3141.6e-6, rel=1e-4)
+
+
+def test_sizes_that_differ_by_walls_alone_are_pooled():
+    """No wall was seen: a dozen angles share what leaves no doubt of the legs."""
+    entries = asked("L", {"a": 0.1275, "b": 0.1262, "t": 0.012}, (1e-3, 1e-3, 1.0), hidden=("t",))
+    outer, share = outer_sizes(entries)[0]
+    assert outer == {"a": 0.127, "b": 0.127} and max(e.probability for e in entries) < 0.2 < 0.9 < share <= 1.0
+    assert sum(share for _, share in outer_sizes(entries)) <= 1.0 and outer_sizes(()) == ()
 
 
 def test_the_beam_of_the_thesis_is_not_snapped():

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from scan2fea.cli.settings import config_of
 from scan2fea.errors import EstimationError, require
+from scan2fea.estimation.catalogue import outer_sizes
 from scan2fea.estimation.given import SIGNIFICANT, Given
 from scan2fea.pipeline.fit import FittedFile, FittedObject, fit_file, fit_objects, write_member
 from scan2fea.pipeline.route import Estimate
@@ -107,6 +108,7 @@ def _facts(member: Member) -> list[tuple[str, str]]:
         ("catalogue" if k == 0 else "", f"{_probability(e.probability):>6}  {_size(e, member.sigma_m)}")
         for k, e in enumerate(member.catalogue[:SHOWN])
     ]
+    rows += _outer(member)
     unseen = [name for name, share in member.seen.items() if share <= 0]
     rows.append(("faces", f"{len(member.seen) - len(unseen)} of {len(member.seen)} seen" + (f"; not seen: {', '.join(unseen)}" if unseen else "")))
     if member.told_toes:
@@ -123,6 +125,15 @@ def _facts(member: Member) -> list[tuple[str, str]]:
     if not member.damage:
         rows.append(("damage", "none that is significant"))
     return rows
+
+
+def _outer(member: Member) -> list[tuple[str, str]]:
+    """Which outer dimensions the catalogue makes likely, where several of its sizes have them: those differ by walls alone."""
+    if sum(entry.is_standard for entry in member.catalogue) < 2 or member.family == "rect":
+        return []
+    outer, share = outer_sizes(member.catalogue)[0]
+    sides = " x ".join(f"{value * MILLIMETRES_PER_METRE:.4g}" for value in outer.values())
+    return [("outer size", f"{_probability(share):>6}  {sides} mm of the catalogue, whatever the walls")]
 
 
 def _size(entry: CatalogueEntry, sigma_m: float) -> str:

@@ -102,6 +102,19 @@ def posterior(
     return tuple(sorted(entries, key=lambda entry: -entry.probability))
 
 
+def outer_sizes(entries: Sequence[CatalogueEntry]) -> tuple[tuple[Mapping[str, float], float], ...]:
+    """Outer dimensions of standard sections, metres, whatever their walls: with the probability of all sizes that have them, the likeliest first.
+
+    Where no wall was observed a dozen sizes share what the outer dimensions alone leave no doubt of.   entries : as of `posterior`.
+    """
+    pooled: dict[tuple[tuple[str, float], ...], float] = {}
+    for entry in entries:
+        if entry.is_standard:
+            outer = tuple((name, round(value, 6)) for name, value in entry.parameters.items() if name not in WALLS)
+            pooled[outer] = pooled.get(outer, 0.0) + entry.probability
+    return tuple((dict(outer), share) for outer, share in sorted(pooled.items(), key=lambda item: -item[1]))
+
+
 def prior_thickness(
     family: str,
     values: Mapping[str, float],

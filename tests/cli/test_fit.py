@@ -38,6 +38,16 @@ def test_dimensions_with_their_errors(beam, tmp_path, capsys):
     assert row["damage"] == [] and 0.99 < sum(e["probability"] for e in row["catalogue"]) <= 1.000001
 
 
+def test_the_outer_size_is_told_where_no_wall_is(tmp_path, capsys):
+    """A wall of 6.35 mm under 12 mm of noise: a dozen sizes of the catalogue, of which all but one in a hundred are 127 x 127."""
+    path = tmp_path / "noisy.ply"
+    member = made("L", 3.0, {"a": 0.127, "b": 0.127, "t": 0.00635}, R=rotation(1), sigma=0.012)
+    write_cloud_ply(path, PointCloud.of(scanned(member, 12000, 0.012, 3)), {})
+    assert main(["fit", str(path), "--unit", "m", "--family", "L"]) == 0
+    line = next(line for line in capsys.readouterr().out.splitlines() if "outer size" in line)
+    assert "127 x 127 mm of the catalogue, whatever the walls" in line
+
+
 def test_given_dimensions_are_kept_and_tested(beam, capsys):
     assert main(["fit", str(beam), "--unit", "m", "--member", "L127x100x6.35"]) == 0
     told = capsys.readouterr().out

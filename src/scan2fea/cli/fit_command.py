@@ -22,6 +22,7 @@ from scan2fea.units import MILLIMETRES_PER_METRE
 NOT_EXPLAINED = 4
 SHOWN = 6  # lines of the catalogue and of the damage
 SURE = 0.9995
+LIKELY = 0.5  # more than all else together
 
 
 def execute(given: argparse.Namespace) -> int:
@@ -132,6 +133,8 @@ def _outer(member: Member) -> list[tuple[str, str]]:
     if sum(entry.is_standard for entry in member.catalogue) < 2 or member.family == "rect":
         return []
     outer, share = outer_sizes(member.catalogue)[0]
+    if share <= LIKELY:
+        return []
     sides = " x ".join(f"{value * MILLIMETRES_PER_METRE:.4g}" for value in outer.values())
     return [("outer size", f"{_probability(share):>6}  {sides} mm of the catalogue, whatever the walls")]
 

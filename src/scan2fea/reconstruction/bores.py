@@ -100,10 +100,15 @@ def _apart_m(points: FloatArray, planes: Planes, i: int, j: int) -> float:
 
 def is_same(one: Surface, other: Surface) -> bool:
     """Do two bores overlap, one along the other?"""
+    alike = abs(one.radius - other.radius) < SAME_RADIUS * max(one.radius, other.radius) and one.sense == other.sense
+    return alike and on_one_axis(one, other)
+
+
+def on_one_axis(one: Surface, other: Surface) -> bool:
+    """Does one bore lie in the other, or go on from it?"""
     apart = one.point - other.point
     across = np.linalg.norm(apart - (apart @ other.axis) * other.axis)
-    alike = abs(one.radius - other.radius) < SAME_RADIUS * max(one.radius, other.radius) and one.sense == other.sense
-    return bool(alike and abs(one.axis @ other.axis) > ALONG and across < max(one.radius, other.radius))
+    return bool(abs(one.axis @ other.axis) > ALONG and across < max(one.radius, other.radius))
 
 
 def _between(points: FloatArray, planes: Planes, i: int, j: int, spacing_m: float, sigma_m: float, held: float) -> list[Bore]:

@@ -19,7 +19,7 @@ from scan2fea.kernel.delaunay import Tetrahedralisation
 from scan2fea.kernel.distances import signed_distance
 from scan2fea.kernel.surfaces import Surface
 from scan2fea.kernel.topology import surface_topology
-from scan2fea.reconstruction.bores import ALONG, AROUND, CLEAR, LEAST_POINTS, RADIUS_KNOWN, Bore, distinct_bores, every_bore
+from scan2fea.reconstruction.bores import ALONG, AROUND, CLEAR, LEAST_POINTS, RADIUS_KNOWN, Bore, distinct_bores, every_bore, on_one_axis
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.plane_growing import Planes, grow_planes
 from scan2fea.reconstruction.round_growing import CHORD, off_round_m
@@ -31,8 +31,8 @@ HELD = 0.4  # of the points due on the wall of a bore between its two faces: noi
 DEEPEST = 8.0  # times that radius: from one face to the other
 SECTORS = 5  # of AROUND: many points of a wall lie in more
 LEAST_TOLD, CIRCLE_CHANCE = 8, 1e-4  # points of its wall; that as many at random, in one of dozens of circles, lie so near to its edge
-OUTWARD = 0.5  # mean cosine between normals and the way from the axis: of skins 0.6 to 0.9, of bores 0.3 at most
 LIKE_CHANCE = 1e-3  # the same where another bore is as wide and as deep
+OUTWARD = 0.5  # mean cosine between normals and the way from the axis: of skins 0.6 to 0.9, of bores 0.3 at most
 BEHIND = 0.25  # of the radius of a bore, from its wall into the solid
 LEAST_SIDE = 2  # points of a sector of its wall, that tell the solid there
 BESIDE = 4  # of the sectors round it that hold points of each face: the edge of a plate may run past a hole
@@ -53,8 +53,10 @@ def told_bores(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_
     except ReconstructionError:
         return []
     found = every_bore(points, planes, spacing_m, sigma_m, DEEPEST * WIDEST * spacing_m, HELD)
-    nearest = cKDTree(points) if found else None
-    found = [bore for bore in found if nearest is not None and _faces_in(bore, normals[nearest.query(bore.wall)[1]])]
+    if not found:
+        return []
+    nearest = cKDTree(points)
+    found = [bore for bore in found if _faces_in(bore, normals[nearest.query(bore.wall)[1]])]
     told = [bore for bore in found if _is_told(bore, points, spacing_m, sigma_m, LEAST_TOLD, CIRCLE_CHANCE)]
     like = [bore for bore in found if any(_is_like(bore, other) for other in told)]
     more = [bore for bore in like if _is_told(bore, points, spacing_m, sigma_m, LEAST_POINTS, LIKE_CHANCE)]
@@ -136,12 +138,8 @@ def _n_axes(bores: Sequence[Bore]) -> int:
     """How many of the bores do not lie in one another: a step is none of its own."""
     kept: list[Surface] = []
     for bore in bores:
-        own = bore.surface
-        off = [own.point - other.point for other in kept]
-        along = [abs(float(own.axis @ other.axis)) > ALONG for other in kept]
-        aside = [float(np.linalg.norm(away - (away @ own.axis) * own.axis)) for away in off]
-        if not any(a and far < max(own.radius, other.radius) for a, far, other in zip(along, aside, kept, strict=True)):
-            kept.append(own)
+        if not any(on_one_axis(bore.surface, other) for other in kept):
+            kept.append(bore.surface)
     return len(kept)
 
 

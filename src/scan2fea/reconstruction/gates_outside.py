@@ -22,7 +22,7 @@ SIGNS_AGREE, SIGNS_AGREE_QUIET, QUIET_NOISE = 0.94, 0.90, 0.17
 AT_POINTS_SOFTENING, OFF_POINTS_SOFTENING = 0.8, 0.4  # spacings; a place between two sheets of a wall must not feel its softening
 WALL_SHARE = 0.45  # of wall or gap: how deep the winding number is asked
 SAMPLES = 6000
-GAPS_ENTERED = "gaps that lead inside"
+GAPS_ENTERED, CUT_HELD = "gaps that lead inside", "cut agrees with normals"
 
 
 def both_faces(points: FloatArray, flood: Flood) -> Check:
@@ -88,7 +88,7 @@ def signs_agree(evidence: Evidence, unseen: Unseen) -> Check:
 def cut_agrees(held: float) -> Check:
     """The inside lies under the points."""
     says = f"the surface keeps the inside under only {held:.0%} of the points (at least {CUT_AGREES:.0%}): outside was not told from inside; "
-    return at_least("cut agrees with normals", held, CUT_AGREES, says + "give the sensor position")
+    return at_least(CUT_HELD, held, CUT_AGREES, says + "give the sensor position")
 
 
 def open_inside(share: float) -> Check:

@@ -10,7 +10,7 @@ from scipy.special import fdtrc
 
 from scan2fea.kernel.coverage import unmeasured_share
 from scan2fea.kernel.distances import PointToMesh
-from scan2fea.kernel.measures import face_areas, volume
+from scan2fea.kernel.measures import face_areas, face_normals, volume
 from scan2fea.kernel.primitives import Plane
 from scan2fea.reconstruction.bare_ends import BARE_ENDS
 from scan2fea.reconstruction.bare_faces import bare_faces
@@ -18,10 +18,10 @@ from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, HIDDEN_VOLUME
 from scan2fea.reconstruction.empty_places import empty_places
 from scan2fea.reconstruction.evidence import at_most, mm
 from scan2fea.reconstruction.flat_gaps import flat_ends, half_seen_ends, hidden_volume_flat
-from scan2fea.reconstruction.gates import in_all
-from scan2fea.reconstruction.gates_outside import GAPS_ENTERED
+from scan2fea.reconstruction.gates import failed, in_all
+from scan2fea.reconstruction.gates_outside import CUT_HELD, GAPS_ENTERED, cut_agrees
 from scan2fea.reconstruction.gates_round import one_region, out_of_round, rolled, round_distance
-from scan2fea.reconstruction.gates_surface import REACH_SPACINGS, afloat, deviation, left_out, mean_curvature, stray
+from scan2fea.reconstruction.gates_surface import afloat, deviation, left_out, mean_curvature, stray
 from scan2fea.reconstruction.inner_places import told_by_left_out
 from scan2fea.reconstruction.lost_holes import lost_holes
 from scan2fea.reconstruction.plane_growing import Planes, tolerance_m
@@ -82,7 +82,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
     if apart > APART and not by_lines and first.source == "outside flood" and larger < 0.0:
         off_first = PointToMesh(first.mesh).nearest(measured).distance
         own = off <= far
-        apart = max(0.0, apart - told_by_left_out(measured[own], mesh, first.mesh, off_first[own], far, REACH_SPACINGS * h) / body)
+        apart = max(0.0, apart - told_by_left_out(measured[own], mesh, first.mesh, off_first[own], far) / body)
     flats = replace(mesh, faces=mesh.faces[number < 0], face_region=region[number < 0])
     checks = [
         at_most(
@@ -105,6 +105,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
             f"the flat solid and the surface it came from differ by {apart:.1%} of the volume more than edges explain (limit {APART:.0%})",
         ),
         *_inherited(first, mesh, by_lines),
+        *((cut_agrees(_held(cloud.points, first.normals, mesh, far)),) if _lost_cut(first) else ()),
         deviation(off, 2.5 * sigma + 0.125 * h),
         stray(measured, off, far),
         left_out(measured, off, first.mesh, far, h),
@@ -137,12 +138,25 @@ def _inherited(first: Reconstruction, mesh: TriangleMesh, by_lines: bool) -> tup
     """What was said of the first surface, but for what is measured again on the flat one, or cured: what noise and spacing do to edges.
 
     Ends of walls without points that it was refused for are ends where the flat solid has them too; it may go on across the gap. Where sensors are
-    known cells labelled by sight lines come next, which are asked more.
+    known cells labelled by sight lines come next, which are asked more. Without them what the cut
+    lost under the points is asked of the flat solid.
     """
     again = bool(first.ends) and first.source != "sensors"
-    cured = CURED | {WALL_ENDS} if by_lines or again else CURED
+    cured = CURED | ({WALL_ENDS} if by_lines or again else set()) | ({CUT_HELD} if _lost_cut(first) else set())
     left = tuple(check for check in first.checks if check.name not in cured)
     return (*left, ends_left(first.ends, mesh, first.spacing_m, first.sigma_m)) if again else left
+
+
+def _lost_cut(first: Reconstruction) -> bool:
+    """Did the first surface, made without sensors, lose the inside under points that the flat solid may hold?"""
+    return first.source == "outside flood" and CUT_HELD in (check.name for check in failed(first.checks))
+
+
+def _held(points: FloatArray, normals: FloatArray, mesh: TriangleMesh, far: float) -> float:
+    """Share of the points that lie on the solid and have its inside under them. points, normals : (n, 3), these settled by the points alone."""
+    nearest = PointToMesh(mesh).nearest(points)
+    under = np.einsum("ij,ij->i", normals, face_normals(mesh)[nearest.face]) > 0.0
+    return float(np.mean(under & (nearest.distance <= far)))
 
 
 def _open_m3(whole: TriangleMesh, every: Shapes) -> float:

@@ -13,17 +13,16 @@ PLACES = 4000  # in a solid: 2 % of them are known to 0.2
 MOST_DRAWN = 2_000_000
 
 
-def told_by_left_out(points: FloatArray, one: TriangleMesh, other: TriangleMesh, off_other: FloatArray, far: float, reach_m: float) -> float:
+def told_by_left_out(points: FloatArray, one: TriangleMesh, other: TriangleMesh, off_other: FloatArray, far: float) -> float:
     """Volume in `one` and outside `other` that points tell of which `other` has left out, m^3: there it is no witness.
 
-    points : (n, 3) that lie on `one`.   off_other : (n,) their distance from `other`; beyond `far` they are left out.
-    reach_m : a place is the nearest point's to tell as far as this.
+    points : (n, 3) that lie on `one`.   off_other : (n,) their distance from `other`; beyond `far` they are left out. A place is
+    the nearest point's to tell, however deep it lies: points inside `one` are asked of it elsewhere.
     """
     left, places = off_other > far, inner_places(one)
     if not left.any() or not len(places):
         return 0.0
-    nearest = np.asarray(cKDTree(points).query(places, distance_upper_bound=reach_m)[1])
-    told = np.append(left, False)[nearest]  # beyond reach: the row after the last
+    told = left[cKDTree(points).query(places)[1]]
     lacking = signed_distance(places[told], other) > 0.0
     return abs(volume(one)) * np.count_nonzero(lacking) / len(places)
 

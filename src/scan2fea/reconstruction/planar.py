@@ -33,7 +33,7 @@ from scan2fea.reconstruction.gates_surface import LEFT_OUT
 from scan2fea.reconstruction.lost_bores import closed_bores
 from scan2fea.reconstruction.plane_growing import Planes
 from scan2fea.reconstruction.regular import EXACT
-from scan2fea.reconstruction.round_cuts import Shapes, cut_round, shapes
+from scan2fea.reconstruction.round_cuts import Shapes, cut_round, hung_together, shapes
 from scan2fea.reconstruction.round_gaps import over_rounds
 from scan2fea.reconstruction.round_growing import Rounds
 from scan2fea.reconstruction.shapes_found import (
@@ -224,7 +224,7 @@ def _closed(points: FloatArray, planes: Planes, rounds: Rounds, first: Reconstru
 def arranged(points: FloatArray, every: Shapes, spacing_m: float, sigma_m: float) -> tuple[Cells, FloatArray, IntArray]:
     """The cells of a box round the points, each shape cutting those that its own points reach; how many points back each facet; (n_cells,) group.
 
-    Cells of one group are one: no shape parts them.
+    Cells of one group are one: no shape parts them, and they hang together.
     """
     planes, n_flat = every.planes, every.n_flat
     low, high = points.min(axis=0), points.max(axis=0)
@@ -243,7 +243,8 @@ def arranged(points: FloatArray, every: Shapes, spacing_m: float, sigma_m: float
         hair = 1e-6 * spacing_m * surface.normals(along)
         cut = range(space.n_cells) if n_flat <= CUT_ALL else space.holding(np.concatenate([along + hair, along - hair]))
         group = cut_round(space, every, number, list(cut), group)
-    cells, numbers = space.cells(), np.unique(group, return_inverse=True)[1].ravel()
+    cells = space.cells()
+    numbers = hung_together(cells, np.array(group))
     return cells, _backed(points, every, space, cells, numbers, spacing_m), numbers
 
 

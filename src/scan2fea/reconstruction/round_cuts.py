@@ -1,6 +1,7 @@
 """Cylinders in an arrangement of planes: each a prism whose section has the area of the circle, which parts a cell into within and without.
 
-The pieces that lie without a prism are one cell for the cut that labels them: however many facets go round, a cylinder is one face.
+The pieces that lie without a prism are one cell for the cut that labels them, as far as they hang together: however many facets go round, a
+cylinder is one face. A round end between two flats that touch it parts what lies before it from what lies behind.
 """
 
 from __future__ import annotations
@@ -9,9 +10,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from scan2fea.errors import ReconstructionError, require
-from scan2fea.kernel.arrangement import Arrangement
+from scan2fea.kernel.arrangement import Arrangement, Cells
 from scan2fea.kernel.surfaces import Surface
 from scan2fea.reconstruction.plane_growing import Planes
 from scan2fea.reconstruction.round_growing import Rounds
@@ -102,3 +105,11 @@ def _misses(space: Arrangement, every: Shapes, rows: IntArray, sense: int, cell:
     corners = np.array([space.vertices[v] for v in {v for f in space.facets[cell] for v in space.loops[f]}])
     height = sense * (corners @ every.planes.normal[rows].T - every.planes.offset[rows])
     return bool((height.min(axis=0) >= 0.0).any())
+
+
+def hung_together(cells: Cells, group: IntArray) -> IntArray:
+    """(n_cells,) group, parted where its pieces share no facet with each other. Facets between two pieces of one group are no faces."""
+    pair = cells.cell[(cells.cell >= 0).all(axis=1)]
+    pair = pair[group[pair[:, 0]] == group[pair[:, 1]]]
+    graph = coo_array((np.ones(len(pair), np.int8), (pair[:, 0], pair[:, 1])), shape=(cells.n_cells, cells.n_cells))
+    return np.asarray(connected_components(graph, directed=False)[1], np.int64)

@@ -93,11 +93,13 @@ class Evidence(Value):
 class Unseen(Value):
     """What is known besides where no sensor position is.
 
-    flood : the answer that signed the normals.   polished : (n, 3) normals after the winding rounds.   held : share of the points under which
-    the cut found the inside.   flood_inside : share of the volume inside that the ball had reached.
+    signed : (n, 3) normals as their side was told first, zero rows where it was not.   flood : the answer that told it; None: the file did.
+    polished : (n, 3) normals after the winding rounds.   held : share of the points under which the cut found the inside.   flood_inside : share of
+    the volume inside that the ball had reached.
     """
 
-    flood: Flood
+    signed: FloatArray
+    flood: Flood | None
     polished: FloatArray
     held: float
     flood_inside: float

@@ -67,9 +67,9 @@ def gates_unseen(evidence: Evidence, unseen: Unseen) -> tuple[Check, ...]:
     signed = np.einsum("ij,ij->i", points - nearest.closest, normals)
     sigma = scatter_m(evidence, nearest.distance)
     moments = patch_moments(points, normals, signed)
+    flood = unseen.flood
     return in_all(
-        both_faces(evidence.points, unseen.flood),
-        *gaps_entered(unseen.flood),
+        *(() if flood is None else (both_faces(evidence.points, flood), *gaps_entered(flood))),
         *resolution(evidence),
         *mixed(evidence),
         *coverage(evidence, UNMEASURED_UNSEEN, sigma),
@@ -79,14 +79,14 @@ def gates_unseen(evidence: Evidence, unseen: Unseen) -> tuple[Check, ...]:
         *winding_agrees(evidence),
         signs_agree(evidence, unseen),
         cut_agrees(unseen.held),
-        open_inside(unseen.flood_inside),
+        *(() if flood is None else (open_inside(unseen.flood_inside),)),
         *rims(evidence),
         *scans(evidence),
         deviation(nearest.distance, DEVIATION_UNSEEN * (sigma + least)),
         stray(points, nearest.distance, STRAY_SIGMAS * sigma + STRAY_SPACINGS * evidence.spacing_m),
         afloat(evidence.mesh, points, nearest.distance, evidence.spacing_m, sigma),
         merged(*moments, least),
-        *solid_core(unseen.flood, *moments, least),
+        *(() if flood is None else solid_core(flood, *moments, least)),
     )
 
 

@@ -73,15 +73,16 @@ def winding_agrees(evidence: Evidence) -> tuple[Check, Check]:
 
 
 def signs_agree(evidence: Evidence, unseen: Unseen) -> Check:
-    """The rolling ball and the winding number must find the same side out."""
-    told = (unseen.flood.signed != 0).any(axis=1)
-    same = np.einsum("ij,ij->i", unseen.flood.signed, unseen.polished) > 0
+    """The rolling ball, or the normals of the file, and the winding number must find the same side out."""
+    told = (unseen.signed != 0).any(axis=1)
+    same = np.einsum("ij,ij->i", unseen.signed, unseen.polished) > 0
     share = float(same[told].mean()) if told.any() else 0.0
     wall = wall_m(evidence)
     # noise carries points past the middle of the wall, where the ball meets the other side first: they may disagree
     noisy = evidence.sigma_m >= QUIET_NOISE * wall  # a wall that is not known counts as thick
     limit = SIGNS_AGREE - float(ndtr(-0.5 * wall / evidence.sigma_m)) if noisy else SIGNS_AGREE_QUIET
-    says = f"rolling ball and winding number agree at {share:.1%} of the points (at least {limit:.0%}): the outside is not certain; "
+    first = "rolling ball" if unseen.flood is not None else "the normals given"
+    says = f"{first} and winding number agree at {share:.1%} of the points (at least {limit:.0%}): the outside is not certain; "
     return at_least("two ways of finding the outside agree", share, limit, says + "give the sensor position")
 
 

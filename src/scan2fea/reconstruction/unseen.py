@@ -19,9 +19,11 @@ from scan2fea.reconstruction.gates_outside import GAPS_ENTERED
 from scan2fea.reconstruction.lost_bores import WHOLE, closed_bores, facing_axis, in_bores, told_bores
 from scan2fea.reconstruction.outside import Flood, OutsideOptions, entered, floods, prepare
 from scan2fea.reconstruction.wall_ends import unseen_ends
-from scan2fea.reconstruction.winding import fitted, polish
+from scan2fea.reconstruction.winding import fitted, plain_areas, polish
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, Value
 
+BY_FLOOD, BY_NORMALS = "outside flood", "given normals"  # what told the outside
+LEAST_GIVEN = 0.5  # share of the points that must have a normal for the normals to lead
 FLOOD_SOURCE = 2.0  # votes of a tet the ball reaches among the denoised points
 BY_BORES = ("points afloat inside", "stray points")  # what points on the walls of bores that are closed fail
 BALL_AGAIN = 1.1  # the ball that rolls among the denoised points, against the first
@@ -29,13 +31,17 @@ BALL_AGAIN = 1.1  # the ball that rolls among the denoised points, against the f
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Answer(Value):
-    """One surface, the answer it rests on, and what the gates say of it."""
+    """One surface, the answer it rests on, and what the gates say of it.   flood : None where the normals of the file told the outside."""
 
     carved: Carved
     evidence: Evidence
-    flood: Flood
+    flood: Flood | None
     checks: tuple[Check, ...]
     n_tried: int
+
+    @property
+    def source(self) -> str:
+        return BY_NORMALS if self.flood is None else BY_FLOOD
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -62,12 +68,14 @@ def unseen(
     sensors: FloatArray | None = None,
     ends: tuple[Ends, ...] = (),
     frame: IntArray | None = None,
+    normals: FloatArray | None = None,
 ) -> Answer:
     """The first answer that passes all gates, else the one that fails the fewest. Raises ReconstructionError if none gives a surface.
 
     n_hidden : of the last points, that stand for places no ray has reached.   sensors : (n, 3) of points whose sight lines stood the test though they
     were too few to lead, nan rows where not known: they only tell what is empty beyond the ends of walls.   ends : of walls that other answers had.
-    frame : (n,) the scan each point came from, negative for none.
+    frame : (n,) the scan each point came from, negative for none.   normals : (n, 3) of the file, zero or nan rows where not known, or None: asked
+    where no ball gives an answer that passes.
     """
     setting = prepare(points, options.seed)
     asked = _Asked(
@@ -86,7 +94,7 @@ def unseen(
     n = 0
     for n, flood in enumerate(floods(setting, options), start=1):
         try:
-            answer = _answer(asked, flood, n)
+            answer = _answer(asked, flood.signed, flood, n)
         except ReconstructionError as error:
             reason = str(error)
             continue
@@ -98,7 +106,27 @@ def unseen(
             asked = replace(asked, ends=(*asked.ends, unseen_ends(answer.evidence)))
     if best is None:
         raise ReconstructionError(f"no surface in {n} attempts without sensor positions ({reason}): give the sensor position")
+    given = None if normals is None or not failed(best.checks) else _by_normals(asked, normals, n + 1)
+    if given is not None and len(failed(given.checks)) < len(failed(best.checks)):
+        best = given
     return _with_bores(asked, best) if {check.name for check in failed(best.checks)} <= {GAPS_ENTERED, *BY_BORES} else best
+
+
+def _by_normals(asked: _Asked, normals: FloatArray, n: int) -> Answer | None:
+    """The answer by the normals of the file; None where too few points have one or nothing is inside.
+
+    Which side they call outside is told by the volume they enclose: normals that all look inwards are turned.
+    """
+    length = np.linalg.norm(np.nan_to_num(normals), axis=1)
+    known = length > 0.0
+    if known.mean() < LEAST_GIVEN:
+        return None
+    outward = np.where(known[:, None], np.nan_to_num(normals) / np.where(known, length, 1.0)[:, None], 0.0)
+    enclosed = np.einsum("n,nc,nc->", plain_areas(asked.points), asked.points - asked.points.mean(axis=0), outward)
+    try:
+        return _answer(asked, outward if enclosed >= 0.0 else -outward, None, n)
+    except ReconstructionError:  # the ball's answer is one, and says what is against it
+        return None
 
 
 def _with_bores(asked: _Asked, found: Answer) -> Answer:
@@ -107,26 +135,30 @@ def _with_bores(asked: _Asked, found: Answer) -> Answer:
     if closed_bores(bores, found.carved.mesh).passed:
         return found
     try:
-        again = _answer(asked, found.flood, found.n_tried, tuple(bores))
+        again = _answer(asked, found.evidence.normals if found.flood is None else found.flood.signed, found.flood, found.n_tried, tuple(bores))
     except ReconstructionError:  # the first surface is one, and is told to close them
         return found
     opened = closed_bores(bores, again.carved.mesh).passed and len(failed(again.checks)) <= len(failed(found.checks))
     return again if opened else found
 
 
-def _answer(asked: _Asked, flood: Flood, n: int, bores: tuple[Bore, ...] = ()) -> Answer:
+def _answer(asked: _Asked, signed: FloatArray, flood: Flood | None, n: int, bores: tuple[Bore, ...] = ()) -> Answer:
+    """signed : (n, 3) outward as it was told, zero rows where not.   flood : that told it; None: the normals of the file, and nothing else."""
     points, spacing_m = asked.points, asked.spacing_m
-    polished = polish(points, flood.signed, spacing_m)
-    normals, sigma, between = fitted(points, polished, spacing_m, asked.frame)
+    polished = polish(points, signed, spacing_m)
+    outward = polished if flood is not None else np.where(signed.any(axis=1)[:, None], signed, polished)
+    normals, sigma, between = fitted(points, outward, spacing_m, asked.frame)
     for bore in bores:
         normals = facing_axis(bore, points, normals, spacing_m, sigma)
 
-    ball = BALL_AGAIN * flood.ball_m
     open_space: list[BoolArray] = []
 
     def prior(tetra: Tetrahedralisation) -> FloatArray:
-        open_space.append(entered(Setting.of(tetra, normals, spacing_m), ball, flood))
-        return np.where(open_space[-1] | in_bores(bores, tetra), FLOOD_SOURCE, 0.0)
+        reached = np.zeros(len(tetra), bool)
+        if flood is not None:
+            reached = entered(Setting.of(tetra, normals, spacing_m), BALL_AGAIN * flood.ball_m, flood)
+        open_space.append(reached)
+        return np.where(reached | in_bores(bores, tetra), FLOOD_SOURCE, 0.0)
 
     blind = np.full_like(points, np.nan)
     carved = carve(
@@ -151,5 +183,5 @@ def _answer(asked: _Asked, flood: Flood, n: int, bores: tuple[Bore, ...] = ()) -
     )
     volumes = carved.tetra.volumes
     share = float(volumes[open_space[-1] & carved.inside].sum() / volumes[carved.inside].sum())
-    facts = Unseen(flood=flood, polished=polished, held=carved.labels.held, flood_inside=share)
+    facts = Unseen(signed=signed, flood=flood, polished=polished, held=carved.labels.held, flood_inside=share)
     return Answer(carved=carved, evidence=evidence, flood=flood, checks=gates_unseen(evidence, facts), n_tried=n)

@@ -276,12 +276,16 @@ def _unseen(
         lines = np.full_like(points, np.nan)
         lines[: len(cloud)] = scan.sensors()
     frame = np.append(frames_of(cloud), np.full(len(points) - len(cloud), -1))
-    answer = unseen(points, inferred, outside, options.quality_weight, len(points) - len(cloud), lines, ends, frame)
-    flood = answer.flood
-    facts = {**how, "ball_m": flood.ball_m, "leak_share": flood.leak_share, "n_cavities": flood.n_cavities, "n_answers": answer.n_tried}
+    normals = None
+    if cloud.normals is not None:
+        normals = np.concatenate([cloud.normals, np.zeros((len(points) - len(cloud), 3))])
+    answer = unseen(points, inferred, outside, options.quality_weight, len(points) - len(cloud), lines, ends, frame, normals)
+    flood, facts = answer.flood, {**how, "n_answers": answer.n_tried}
+    if flood is not None:
+        facts.update({"ball_m": flood.ball_m, "leak_share": flood.leak_share, "n_cavities": flood.n_cavities})
     facts.update(scans_apart(answer.evidence.between_m))
     checks = (*answer.checks, *dark_holes(answer.carved.resolved.n_dark))
-    found = _result(answer.carved, spacing(cloud.points, options.seed), answer.evidence.sigma_m, "outside flood", sensor, checks, facts)
+    found = _result(answer.carved, spacing(cloud.points, options.seed), answer.evidence.sigma_m, answer.source, sensor, checks, facts)
     return _first_rows(replace(found, ends=_ends(answer.checks, answer.evidence)), len(cloud))
 
 

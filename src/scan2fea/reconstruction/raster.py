@@ -196,6 +196,8 @@ def _camera(rows: list[FloatArray], planes: FloatArray) -> Camera | None:
     """The camera of an image: on the line in which its row planes meet, where tangents along both axes step evenly."""
     basis = np.linalg.svd(planes)[2][:2]
     x = np.cross(basis[0, :3], basis[1, :3])
+    if np.linalg.norm(x) <= PENCIL:  # parallel planes: they meet nowhere
+        return None
     x /= np.linalg.norm(x)
     middle = np.concatenate(rows).mean(axis=0)
     foot = np.linalg.solve(np.vstack([basis[:, :3], x]), np.append(-basis[:, 3], x @ middle))  # of the line, nearest to the points

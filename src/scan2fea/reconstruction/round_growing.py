@@ -7,6 +7,7 @@ radius are least squares through raw points, likeliest for normal noise; it join
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -239,6 +240,8 @@ def _along(start: Surface, own: FloatArray, ways: FloatArray, sigma_m: float) ->
 
 
 def radius_std(surface: Surface, own: FloatArray, sigma_m: float) -> float:
-    return float(np.sqrt(covariance(surface, own, max(sigma_m, surface.rms_m))[4, 4]))
+    """What the radius is known to, m: by chance, and by noise along the tangent, that draws the least-squares circle out by sigma^2 / (2 r)."""
+    sigma = max(sigma_m, surface.rms_m)
+    return math.hypot(math.sqrt(covariance(surface, own, sigma)[4, 4]), 0.5 * sigma**2 / surface.radius)
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from predicates import l_beam, sphere
+from predicates import sphere
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction import reconstruct
+from scan2fea.reconstruction.evidence import BY_FLOOD, BY_NORMALS
 from scan2fea.reconstruction.gates import failed
-from scan2fea.reconstruction.unseen import BY_FLOOD, BY_NORMALS
 from scan2fea.types import PointCloud, Scan
 from scanned import scanned
 
@@ -47,9 +47,3 @@ def test_normals_without_a_side_are_not_believed(pierced):
     points, normals = pierced
     side = np.random.default_rng(1).choice([-1.0, 1.0], len(points))
     assert failed(of(points, side[:, None] * normals).checks)
-
-
-def test_rows_of_an_image_that_lie_in_parallel_planes_are_no_camera():
-    scan, _, _ = scanned(l_beam(0.1, 0.1, 0.02, 0.4), 0.006, seed=4)  # face by face, each exactly flat
-    keep = np.linalg.norm(scan.cloud.points - [0.06, 0.0, 0.2], axis=1) > 0.015
-    assert len(of(scan.cloud.points[keep]).mesh.faces)

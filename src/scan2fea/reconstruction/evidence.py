@@ -14,6 +14,7 @@ from scan2fea.kernel.noise import sampled_rows
 from scan2fea.reconstruction.outside import Flood
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh, Value
 
+BY_FLOOD, BY_NORMALS = "outside flood", "given normals"  # what told the outside where no sight lines are known
 KNOWN_WALL = 0.10  # share of points that must have a wall behind them before anything is said about its thickness
 WALL_QUANTILE = 0.25  # the wall is judged by its thinner parts
 PATCH, SAME_FACE, SAMPLES = 32, 0.8, 6000  # points about one, the cosine that its own face has at least, and where it is asked

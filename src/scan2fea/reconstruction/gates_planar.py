@@ -16,7 +16,7 @@ from scan2fea.reconstruction.bare_ends import BARE_ENDS
 from scan2fea.reconstruction.bare_faces import bare_faces
 from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, HIDDEN_VOLUME, PLACE, VOLUME_IN_DOUBT, WALL_ENDS
 from scan2fea.reconstruction.empty_places import empty_places
-from scan2fea.reconstruction.evidence import at_most, mm
+from scan2fea.reconstruction.evidence import BY_FLOOD, BY_NORMALS, at_most, mm
 from scan2fea.reconstruction.flat_gaps import flat_ends, half_seen_ends, hidden_volume_flat
 from scan2fea.reconstruction.gates import failed, in_all
 from scan2fea.reconstruction.gates_outside import CUT_HELD, GAPS_ENTERED, cut_agrees
@@ -79,7 +79,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
     cut, grown = _rims(mesh, h, sigma)
     larger = before / body - 1.0
     apart = max(0.0, larger - grown / body, -larger - cut / body) if seen_through_m3 is None else seen_through_m3 / body
-    if apart > APART and not by_lines and first.source == "outside flood" and larger < 0.0:
+    if apart > APART and not by_lines and first.source in (BY_FLOOD, BY_NORMALS) and larger < 0.0:
         off_first = PointToMesh(first.mesh).nearest(measured).distance
         own = off <= far
         apart = max(0.0, apart - told_by_left_out(measured[own], mesh, first.mesh, off_first[own], far) / body)

@@ -26,6 +26,7 @@ PROBES, PROBED = 400, 0.5  # windows looked at first, and share of them that mus
 TRIALS, TRIAL_STEPS = 300, 600
 EXPLAINED = 0.97  # share of the points that must belong to images
 SKIPPED = 4  # points in a row that may miss the grid before the image has ended
+WIDEST = 2**14  # pixels of an image, either way: more than range cameras have
 MARGIN = 2  # pixels of free view round an image
 CUT_OFF = 0.5  # an outermost line with more than this share of the longest may be where the image was cut off
 
@@ -202,6 +203,8 @@ def _camera(rows: list[FloatArray], planes: FloatArray) -> Camera | None:
     middle = np.concatenate(rows).mean(axis=0)
     foot = np.linalg.solve(np.vstack([basis[:, :3], x]), np.append(-basis[:, 3], x @ middle))  # of the line, nearest to the points
     view = middle - foot
+    if np.linalg.norm(view) <= PENCIL:  # a line through the points, not through a camera before them
+        return None
     view /= np.linalg.norm(view)
     up = np.cross(view, x)
     angle = np.array([np.arctan2((row.mean(axis=0) - foot) @ up, (row.mean(axis=0) - foot) @ view) for row in rows])
@@ -224,9 +227,15 @@ def _camera(rows: list[FloatArray], planes: FloatArray) -> Camera | None:
 
 
 def _along(rows: list[FloatArray], foot: FloatArray, x: FloatArray, z: FloatArray) -> tuple[float, float] | None:
-    """Where on the line through `foot` along x the steps of a row are whole numbers of one pitch: d(a / depth) - shift d(1 / depth) = k pitch."""
-    across = [((row - foot) @ x) / ((row - foot) @ z) for row in rows]
-    inverse = [1.0 / ((row - foot) @ z) for row in rows]
+    """Where on the line through `foot` along x the steps of a row are whole numbers of one pitch: d(a / depth) - shift d(1 / depth) = k pitch.
+
+    None where they are not, or points lie beside or behind the camera.
+    """
+    depth = [(row - foot) @ z for row in rows]
+    if min(d.min() for d in depth) <= PENCIL:
+        return None
+    across = [((row - foot) @ x) / d for row, d in zip(rows, depth, strict=True)]
+    inverse = [1.0 / d for d in depth]
     da, db = np.concatenate([np.diff(a) for a in across]), np.concatenate([np.diff(b) for b in inverse])
     rng = np.random.default_rng(0)
     some = rng.permutation(len(da))[:TRIAL_STEPS]
@@ -293,6 +302,8 @@ def _gathered(
         on = (np.abs(place - np.round(place)) < ON_GRID).all(axis=1)
         mine = start + np.flatnonzero(on)
         if not len(mine):
+            continue
+        if np.ptp(place[on], axis=0).max() > WIDEST:
             continue
         grid = np.round(place[on]).astype(np.int64)
         explained += len(mine)

@@ -179,7 +179,7 @@ def _grown(
 def is_round(surface: Surface, points: FloatArray, spacing_m: float, sigma_m: float) -> bool:
     """Do points go round a cylinder far enough to know its radius?"""
     spread = max(sigma_m, surface.rms_m, 1e-9 * spacing_m)
-    if np.sqrt(covariance(surface, points, spread)[4, 4]) > RADIUS_KNOWN * surface.radius:
+    if not 0.0 <= covariance(surface, points, spread)[4, 4] <= (RADIUS_KNOWN * surface.radius) ** 2:  # below 0: points that tell no radius
         return False
     across = (points - surface.point) @ surface.frame().T
     sector = np.floor(np.arctan2(across[:, 1], across[:, 0]) / (2 * np.pi) * SECTORS).astype(np.int64)

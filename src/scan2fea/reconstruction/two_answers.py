@@ -16,7 +16,7 @@ from scan2fea.kernel.distances import signed_distance
 from scan2fea.kernel.measures import volume
 from scan2fea.reconstruction.budget import BARE_FACES, FLAT_INSTEAD, HIDDEN_VOLUME, UNSEEN_WALLS, VOLUME_IN_DOUBT, WALL_ENDS
 from scan2fea.reconstruction.empty_places import EMPTY_PLACES
-from scan2fea.reconstruction.evidence import around, at_most
+from scan2fea.reconstruction.evidence import BY_FLOOD, BY_NORMALS, around, at_most
 from scan2fea.reconstruction.gates import failed, in_all
 from scan2fea.reconstruction.gates_planar import DIFFER, RIM_CUT
 from scan2fea.reconstruction.inner_places import inner_places
@@ -33,7 +33,7 @@ OF_LOST_HOLES = WHERE | {
     LOST_HOLES, "points beside flat faces", "deviation p95", "stray points", "points afloat inside", "scatter about flat faces", "bent faces"
 }  # fmt: skip
 CUT = math.sqrt(RIM_CUT)  # spacings that a square edge lies before the chord which cuts RIM_CUT square spacings off it
-SENSORS, FLOOD = "sensors", "outside flood"  # what told the outside
+SENSORS, BLIND = "sensors", (BY_FLOOD, BY_NORMALS)  # what told the outside
 
 
 def contradicted(scan: Scan, found: Reconstruction, flats: Sequence[Reconstruction], seed: int = 0) -> Reconstruction:
@@ -42,7 +42,7 @@ def contradicted(scan: Scan, found: Reconstruction, flats: Sequence[Reconstructi
     flats : solids of flat faces through the same points, refused. Points on the wall of a hole lie on none of the faces of a solid that closes it, so
     that one which holds all points tells of no hole that was scanned, with sight lines or without.
     """
-    if found.source not in (SENSORS, FLOOD) or failed(found.checks) or found.how["method"] == "planar":
+    if found.source not in (SENSORS, *BLIND) or failed(found.checks) or found.how["method"] == "planar":
         return found
     holding = [flat for flat in flats if WHERE.issuperset(check.name for check in failed(flat.checks))]
     if found.source == SENSORS:
@@ -58,7 +58,7 @@ def contradicted(scan: Scan, found: Reconstruction, flats: Sequence[Reconstructi
 def _holes(found: Reconstruction, flats: Sequence[Reconstruction]) -> tuple[Check, ...]:
     """Where no sight lines are known: narrow holes, or gaps taken for holes, that a solid of flat faces closes beside those it has lost."""
     told = []
-    for flat in flats if found.source == FLOOD else ():
+    for flat in flats if found.source in BLIND else ():
         against = {check.name: check.value for check in failed(flat.checks)}
         if OF_LOST_HOLES.issuperset(against):
             told.append(holes_apart(found.mesh, flat.mesh, round(float(against.get(LOST_HOLES) or 0.0))))

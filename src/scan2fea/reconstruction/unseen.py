@@ -12,7 +12,7 @@ from scan2fea.kernel.delaunay import Tetrahedralisation
 from scan2fea.reconstruction.bores import Bore
 from scan2fea.reconstruction.budget import WALL_ENDS
 from scan2fea.reconstruction.carve import Carved, carve
-from scan2fea.reconstruction.evidence import Ends
+from scan2fea.reconstruction.evidence import BY_FLOOD, BY_NORMALS, Ends
 from scan2fea.reconstruction.flooding import Setting
 from scan2fea.reconstruction.gates import Evidence, Unseen, failed, gates_unseen
 from scan2fea.reconstruction.gates_outside import GAPS_ENTERED
@@ -22,7 +22,6 @@ from scan2fea.reconstruction.wall_ends import unseen_ends
 from scan2fea.reconstruction.winding import fitted, plain_areas, polish
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, Value
 
-BY_FLOOD, BY_NORMALS = "outside flood", "given normals"  # what told the outside
 LEAST_GIVEN = 0.5  # share of the points that must have a normal for the normals to lead
 FLOOD_SOURCE = 2.0  # votes of a tet the ball reaches among the denoised points
 BY_BORES = ("points afloat inside", "stray points")  # what points on the walls of bores that are closed fail
@@ -146,7 +145,7 @@ def _answer(asked: _Asked, signed: FloatArray, flood: Flood | None, n: int, bore
     """signed : (n, 3) outward as it was told, zero rows where not.   flood : that told it; None: the normals of the file, and nothing else."""
     points, spacing_m = asked.points, asked.spacing_m
     polished = polish(points, signed, spacing_m)
-    outward = polished if flood is not None else np.where(signed.any(axis=1)[:, None], signed, polished)
+    outward = polished if flood is not None else np.where(np.any(signed, axis=1, keepdims=True), signed, polished)
     normals, sigma, between = fitted(points, outward, spacing_m, asked.frame)
     for bore in bores:
         normals = facing_axis(bore, points, normals, spacing_m, sigma)

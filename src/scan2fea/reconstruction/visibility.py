@@ -40,6 +40,7 @@ LEAST_POINTS = 20
 KNOWN_SHARE = 0.5  # of the measured points must have a sensor for the sensors to lead
 ROUND_AN_AXIS = "round an axis"
 UNSEEN_PLACES = {ROUND_AN_AXIS: with_turned, "to the other face of walls": with_opposite}
+IN_ORDER = 0.9  # share of the points that come after the one before in the file: another order may have rows too, and tells no camera
 DARK_HOLES = "holes that nobody saw"
 SCANS_APART = "scans_apart_m"
 SAME_VOLUME = 0.01  # two answers that agree so well are one: what the sensors say against it stands
@@ -158,6 +159,8 @@ def opened(scan: Scan, options: VisibilityOptions, first: First, bores: Sequence
 def told_images(scan: Scan, options: VisibilityOptions) -> Images | None:
     """The images that the order of the points tells, where no sensor positions are known."""
     if not options.use_sensors or scan.rays is not None or scan.cloud.is_inferred is not None:
+        return None
+    if (np.diff(scan.cloud.raw_index) > 0).mean() < IN_ORDER:
         return None
     return images_of(scan.cloud.points, scan.cloud.raw_index)
 

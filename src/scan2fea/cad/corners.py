@@ -231,6 +231,7 @@ class Meeting:
         numbers = sorted({int(self.network.surface[k]) for k in (border.left, border.right) if self.network.surface[k] >= 0})
         surfaces = [self.surfaces[k] for k in numbers]
         line = next((s.along(line) for s in surfaces if isinstance(s, Extruded)), line)
+        n = len(line) - 1
         cut = self.network.cuts.get(frozenset((border.left, border.right)))
         out = [Corner(at=ends[0], off=0.0)]
         for k in range(1, n):

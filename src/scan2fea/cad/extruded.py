@@ -17,7 +17,7 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial import cKDTree
 
 from scan2fea.cad.patches import GROW_COSINE, Near
-from scan2fea.kernel.surfaces import CYLINDER, PLANE, Surface
+from scan2fea.kernel.surfaces import CYLINDER, FREEDOMS, PLANE, Surface
 from scan2fea.kernel.topology import face_components
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
 
@@ -27,12 +27,14 @@ SMALL = 0.01  # of the area: a larger patch is no piece of a wall
 SMOOTH = 0.94  # cosine of normals across a border that is no crease
 ALIKE = float(np.cos(np.radians(10.0)))  # axes nearer than this are tried once
 MOST_AXES = 6
+WIDENED = 6  # times that a wall takes the small patches beside it
 LEAST_REST = 0.15  # of the area of a wall that one curve does not hold: less is its rims
 WIDER = 2.0  # times the tolerance: faces nearer to a curve that holds its wall are of it
 FLAT = 0.98  # of its area, the sum of the normals of a wall that hardly bends: a plane
 SPANS = (2, 3, 4, 6, 8, 11, 16, 22, 32, 45)  # tried
 LEAST_POINTS = 4  # for each pole: fewer do not tell it
 LED = 4  # times that points are led to their feet
+ON_SPAN = 6  # points at least of an edge: a curl of 0.2 mm between points 1 mm apart is cut off
 SAMPLES = 16  # a span, among which a foot is looked for
 FEW = 32  # points, of which a search tree does not pay
 STIFF = 1e-3  # of the third differences of poles that no point tells: a curve goes on as it ends
@@ -58,11 +60,21 @@ class Extruded(Surface):
         return np.asarray(np.column_stack([tangent[:, 1], -tangent[:, 0]]) @ self.frame())
 
     def along(self, line: FloatArray) -> FloatArray:
-        """A line near the surface led along the curve without a step back; as it is where it runs across the curve."""
+        """A line near the surface led along the curve without a step back, as many points on each span as tell it; as it is where it runs across."""
         u, height = self._feet(line)[1], (line - self.point) @ self.axis
-        if abs(u[-1] - u[0]) < abs(height[-1] - height[0]):
+        if abs(u[-1] - u[0]) <= abs(height[-1] - height[0]):
             return line
-        return np.asarray(self.point + self.spline(np.linspace(u[0], u[-1], len(u))) @ self.frame() + height[:, None] * self.axis)
+        ends = np.sort(u[[0, -1]])
+        knots = np.unique(self.spline.t)
+        stops = np.concatenate([ends[:1], knots[(knots > ends[0]) & (knots < ends[1])], ends[1:]])
+        share = np.diff(stops) / max(float(ends[1] - ends[0]), 1e-300)
+        many = np.maximum(ON_SPAN, np.ceil(share * len(line))).astype(int)
+        spans = zip(stops[:-1].tolist(), stops[1:].tolist(), many.tolist(), strict=True)
+        even = np.concatenate([*(np.linspace(a, b, n, endpoint=False) for a, b, n in spans), ends[1:]])
+        even = even if u[0] < u[-1] else even[::-1]
+        rise = (even - u[0]) / (u[-1] - u[0])
+        at = self.point + self.spline(even) @ self.frame()
+        return np.asarray(at + (height[0] + rise * (height[-1] - height[0]))[:, None] * self.axis)
 
     def poles(self) -> FloatArray:
         """(n, 3) control points of the curve."""
@@ -104,14 +116,35 @@ def with_extruded(
     while left:
         rows = left.pop()
         found = _found(near, rows, label, out, tolerance, spacing)
-        if found is not None:
-            label = _given(near, label, *found, len(out), tolerance)
+        given = label if found is None else _given(near, label, *found, len(out), tolerance)
+        if found is not None and _is_simpler(near, label, given, [*out, found[2]], tolerance):
+            label = given
             rest = np.zeros(len(label), bool)
             rest[rows] = label[rows] != len(out)
             least = LEAST_REST * near.areas[rows].sum()
             left += [found for found in _pieces(near, rest) if near.areas[found].sum() > least]
             out.append(found[2])
     return label, out
+
+
+def _is_simpler(near: Near, before: IntArray, after: IntArray, surfaces: Sequence[Surface], tolerance: float) -> bool:
+    """Whether the last surface, a curve, asks for less than what it takes the place of: chi2 of the corners (six faces meet at each) + k log(n).
+
+    Free form has a freedom for each corner that no patch beside it holds, unless the noise is wider than its faces.
+    """
+    rows = np.flatnonzero(after == len(surfaces) - 1)
+    faces = near.mesh.faces[rows]
+    n = max(len(np.unique(faces)), 1)
+    is_told = (near.areas[rows] >= tolerance**2) & (before[rows] < 0)
+    n_free = len(np.setdiff1d(faces[is_told], faces[before[rows] >= 0]))
+
+    def left(label: IntArray) -> float:
+        at = {k: near.mesh.vertices[faces[label == k]].reshape(-1, 3) for k in np.unique(label[label >= 0]).tolist()}
+        return sum(float((surfaces[k].distance(corners) ** 2).sum()) for k, corners in at.items()) / (tolerance / 3) ** 2 / 6
+
+    more = sum(s.spline.c.size for s in surfaces[-1:] if isinstance(s, Extruded)) - n_free
+    more -= sum(FREEDOMS[surfaces[k].kind] for k in np.setdiff1d(before[before >= 0], after).tolist() if surfaces[k].kind != EXTRUDED)
+    return left(after[rows]) + more * float(np.log(n)) < left(before[rows])
 
 
 def _found(
@@ -125,7 +158,7 @@ def _found(
         loose = _off_large(near, wider, label, surfaces, tolerance)
         n_given = next((k for k, s in enumerate(surfaces) if s.kind == EXTRUDED), len(surfaces))
         for axis in _axes(near, loose, label, surfaces):
-            core = _core(near, loose[label[loose] < n_given], axis)
+            core = _core(near, loose[label[loose] < n_given], axis, tolerance)
             made = _through(near, core, axis, tolerance, spacing)
             if made is not None:
                 return loose, core, made
@@ -142,18 +175,22 @@ def _pieces(near: Near, inside: BoolArray) -> list[IntArray]:
 
 
 def _with_small(near: Near, label: IntArray, rows: IntArray, cosine: float) -> IntArray:
-    """A wall with the small patches beside it, and beside these, that it meets at an angle of at least that cosine."""
+    """A wall with the small patches beside it, and beside these, that it meets at an angle of at least that cosine; and what goes on smoothly."""
     inside = np.zeros(len(label), bool)
     inside[rows] = True
     small = np.bincount(label + 1, weights=near.areas)[1:] <= SMALL * near.areas.sum()
-    for _ in range(2):
+    free = np.full(len(label), -2)
+    for k, piece in enumerate(_pieces(near, label < 0)):
+        free[piece] = k
+    for number in range(WIDENED):
         own, other = np.repeat(np.arange(len(label)), 3), near.of.ravel()
         border = np.flatnonzero(inside[own] & ~inside[other])
         turn = np.einsum("ij,ij->i", near.smooth[own[border]], near.smooth[other[border]])
         beside = label[other[border]]
-        more = [k for k in np.unique(beside[beside >= 0]).tolist() if small[k] and np.median(turn[beside == k]) > cosine]
+        least = cosine if number < 2 else SMOOTH
+        more = [k for k in np.unique(beside[beside >= 0]).tolist() if small[k] and np.median(turn[beside == k]) > least]
         inside |= np.isin(label, more)
-        inside[other[border][beside < 0]] = True
+        inside |= np.isin(free, free[other[border][beside < 0]])
     return np.flatnonzero(inside)
 
 
@@ -184,10 +221,10 @@ def _axes(near: Near, loose: IntArray, label: IntArray, surfaces: Sequence[Surfa
     return [out[k] for k in np.argsort(-np.array(share), kind="stable")[:MOST_AXES].tolist()]
 
 
-def _core(near: Near, loose: IntArray, axis: FloatArray) -> IntArray:
-    """The largest piece of some faces that is square to an axis."""
+def _core(near: Near, loose: IntArray, axis: FloatArray, tolerance: float) -> IntArray:
+    """The largest piece of some faces that is square to an axis. Faces smaller than the noise is wide (a curl) look any way: they part no piece."""
     square = np.zeros(len(near.areas), bool)
-    square[loose] = np.abs(near.smooth[loose] @ axis) < SQUARE
+    square[loose] = (np.abs(near.smooth[loose] @ axis) < SQUARE) | (near.areas[loose] < tolerance**2)
     return max(_pieces(near, square), key=lambda found: float(near.areas[found].sum()), default=np.zeros(0, np.int64))
 
 
@@ -203,6 +240,10 @@ def _through(near: Near, rows: IntArray, axis: FloatArray, tolerance: float, spa
     across = near.smooth[rows] @ blank.frame().T
     tangent = np.column_stack([-across[:, 1], across[:, 0]])
     s = _along(index.reshape(-1, 3), flat, tangent / np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-300))
+    told = np.unique(index.reshape(-1, 3)[near.areas[rows] >= tolerance**2])  # the corners of smaller ones may be those of a rim
+    used, points, flat, s = used[told], points[told], flat[told], s[told]
+    if len(used) < LEAST_POINTS * (SPANS[0] + 3):
+        return None
     beyond = tolerance + 2 * spacing
     best, least = None, np.inf
     for spans in SPANS:
@@ -212,13 +253,12 @@ def _through(near: Near, rows: IntArray, axis: FloatArray, tolerance: float, spa
         for _ in range(LED):
             found = replace(found, spline=_spline(flat, found._feet(points)[1], spans, beyond))
         floor = (1e-9 * float(np.linalg.norm(np.ptp(points, axis=0)))) ** 2
-        cost = len(used) * np.log(float(np.mean(found.distance(points) ** 2)) + floor) + 2 * (spans + 3) * np.log(len(used))
-        if cost < least:
+        squares, dof = float((found.distance(points) ** 2).sum()), max(len(used) - 2 * len(found.spline.c), 1)
+        cost = len(used) * np.log(squares / len(used) + floor) + 2 * (spans + 3) * np.log(len(used))
+        holds = squares / dof <= (tolerance / 3) ** 2 * (1 + 3 * np.sqrt(2 / dof))
+        if holds and cost < least:
             best, least = found, cost
-    if best is None:
-        return None
-    off, dof = best.distance(points), max(len(used) - 2 * len(best.spline.c), 1)
-    return best if float((off**2).sum()) / dof <= (tolerance / 3) ** 2 * (1 + 3 * np.sqrt(2 / dof)) else None
+    return best
 
 
 def _along(triangles: IntArray, flat: FloatArray, tangent: FloatArray) -> FloatArray:

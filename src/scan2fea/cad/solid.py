@@ -291,9 +291,10 @@ def _traced(body: Body, patches: Patches, told: Mapping[int, FloatArray] = NOTHI
     surfaces = [in_mm(f.surface, middle) for f in fits]
     covariances = [covariance_in_mm(f) for f in fits]
 
+    size = scale.tolerance_m * mm, scale.spacing_m * mm
+
     def built(label: IntArray, surfaces: list[Surface], *, walls: bool, bridged: bool, parted: bool = False) -> tuple[Traced, Compared]:
         told = covariances + [np.zeros((0, 0))] * (len(surfaces) - len(covariances))
-        size = scale.tolerance_m * mm, scale.spacing_m * mm
         made = traced_solid(local, label, surfaces, told, *size, walls=walls, bridged=bridged, parted=parted)
         if made.solid is None or not is_valid(made.solid):
             return made, Compared(problem="the faces close no valid solid")
@@ -303,15 +304,17 @@ def _traced(body: Body, patches: Patches, told: Mapping[int, FloatArray] = NOTHI
     first = found.problem
     if found.problem:
         made, found = built(patches.label, surfaces, walls=False, bridged=True, parted=True)
+    wall = made.pieces
     if found.problem:
         made, found = built(patches.label, surfaces, walls=True, bridged=False)
-        label, more = with_extruded(local, patches.label, surfaces, made.wall, scale.tolerance_m * mm, scale.spacing_m * mm)
-        if len(more) > len(surfaces):
-            drawn, proved = built(label, more, walls=True, bridged=True)
-            if not proved.problem and (found.problem or drawn.n_facets < made.n_facets):
-                made, found = drawn, proved
-        if found.problem:
-            return no_solid(first)
+        wall = made.wall
+    label, more = with_extruded(local, patches.label, surfaces, wall, *size) if wall.any() else (patches.label, surfaces)
+    if len(more) > len(surfaces):
+        drawn, proved = built(label, more, walls=True, bridged=True)
+        if not proved.problem and (found.problem or drawn.n_facets <= made.n_facets):
+            made, found = drawn, proved
+    if found.problem:
+        return no_solid(first)
     return trued(made.solid, middle, scale, snaps, found, drawn=made.surfaces if made.n_facets else None)
 
 

@@ -43,6 +43,7 @@ class Traced(Value):
     """solid : None where the faces close none.   surfaces : as they were moved.   n_facets : of walls of free form.   wall : (m,) faces on these.
 
     loose : share of the length of all borders where two surfaces meet at no angle and do not touch.
+    pieces : (m,) faces of small patches that meet others in no point, or at no angle without touching: pieces, it may be, of what is none of these.
     """
 
     solid: Any | None
@@ -50,6 +51,7 @@ class Traced(Value):
     n_facets: int = 0
     loose: float
     wall: BoolArray
+    pieces: BoolArray
 
 
 def traced_solid(
@@ -69,7 +71,7 @@ def traced_solid(
     for _ in range(WALLS + BRIDGED + parted):
         network = network_of(mesh_mm, label, surfaces, wall)
         touches = touches_of(mesh_mm, network, surfaces, covariances, tolerance, spacing)
-        loose = _loose(mesh_mm, network, surfaces, {touch.chain for touch in touches})
+        loose, apart = _loose(mesh_mm, network, surfaces, {touch.chain for touch in touches})
         n_facets = int((network.surface < 0).sum())
         if loose > LOOSE or n_facets > MOST_FACETS:
             break
@@ -87,15 +89,18 @@ def traced_solid(
         if astray:
             label, parted = sided(mesh_mm, own, network.chains, astray, made), False
             continue
-        small = {k for k in meeting.missed(tolerance, edges) if k >= 0 and float(area[own == k].sum()) <= SMALL * float(area.sum())}
+        tiny = {k for k in np.unique(own[own >= 0]).tolist() if float(area[own == k].sum()) <= SMALL * float(area.sum())}
+        small = tiny & meeting.missed(tolerance, edges)
         if not small or not walls:
             solid, invalid = _solid(mesh_mm, network, made, meeting, edges, exact)
             if not invalid or not walls:
-                return Traced(solid=solid, surfaces=tuple(made), n_facets=n_facets, loose=loose, wall=own < 0)
-            small = {k for k in invalid if evened and k >= 0 and float(area[own == k].sum()) <= SMALL * float(area.sum())}
+                pieces = np.isin(own, sorted(tiny & (small | apart)))
+                return Traced(solid=solid, surfaces=tuple(made), n_facets=n_facets, loose=loose, wall=own < 0, pieces=pieces)
+            small = tiny & invalid if evened else set()
             evened = True
         wall = np.isin(own, sorted(small)) | (own < 0)
-    return Traced(solid=None, surfaces=tuple(surfaces), loose=loose, wall=network.surface[network.label] < 0)
+    is_free = network.surface[network.label] < 0
+    return Traced(solid=None, surfaces=tuple(surfaces), loose=loose, wall=is_free, pieces=np.zeros_like(is_free))
 
 
 def _solid(
@@ -120,8 +125,9 @@ def _without(mesh: TriangleMesh, network: Network, label: IntArray, bridges: Seq
     return label
 
 
-def _loose(mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], touching: Collection[int]) -> float:
-    total = loose = 0.0
+def _loose(mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], touching: Collection[int]) -> tuple[float, set[int]]:
+    """The share of the length of all borders where two surfaces neither meet at an angle nor touch, and these surfaces."""
+    total, loose, apart = 0.0, 0.0, set()  # type: float, float, set[int]
     for number, chain in enumerate(network.chains):
         first, second = (int(network.surface[side]) for side in (chain.left, chain.right))
         at = mesh.vertices[chain.vertices]
@@ -132,7 +138,8 @@ def _loose(mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], to
         turn = np.einsum("ij,ij->i", surfaces[first].normals(at), surfaces[second].normals(at))
         if number not in touching and np.median(turn) > MEETS:
             loose += length
-    return loose / total if total else 0.0
+            apart |= {first, second}
+    return loose / total if total else 0.0, apart
 
 
 def joined_whole(solid: Any) -> Any:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from scan2fea.errors import EstimationError, require
 from scan2fea.estimation.anneal import annealed, climbed, on_the_ridge, ridge_restarts, walls, with_walls
 from scan2fea.estimation.face_weights import free_faces, seen_weights, set_price, snapped
 from scan2fea.estimation.initial import Start, starts
@@ -102,7 +103,8 @@ def scene_of(
 def search(scene: Scene, families: Sequence[str], *, may_hide: bool = True, seed: int = 0, begun: Sequence[Start] = ()) -> list[Candidate]:
     """Candidates with Gaussian noise, the best of each family and way of seeing it, best first. begun : where to start; empty: found here."""
     begun = [start for start in begun if start.layout.family in families] or starts(scene.first, families, scene.z_range, scene.area_m2, seed)
-    risen = _risen(scene, begun)
+    risen = _risen(scene, begun) if begun else {}
+    require(len(risen) > 0, EstimationError, f"no section of {', '.join(families)} begins to fit the points")  # or none with a likelihood
     found = [_settled(scene, Layout(family=family), tried) for family, tried in risen.items()]
     best = min(found, key=lambda c: c.bic)
     solid = _solid_of(scene, best)

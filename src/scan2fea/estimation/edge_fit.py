@@ -49,9 +49,10 @@ def edge_fits(z: FloatArray, s: float, reach: float, near: float, caps: list[flo
     kept : outside it the points were left out: what is empty there says nothing of strays or of the member.
     """
     low, high = float(z.min()), float(z.max())
-    at, weight = _binned(z, (low - s, high), (high - low) / 300)
+    step = max(high - low, s) / 300  # points on an exactly flat end have no length
+    at, weight = _binned(z, (low - s, high), step)
     candidates = np.unique(np.quantile(z, np.linspace(0.0, 0.7, 80)))
-    wide = max(s, (high - low) / 300)
+    wide = max(s, step)
     edge = float(candidates[int(np.argmax(_profile(at, weight, (low - s, high), wide, candidates, 0.0)[0]))])
     fits = (unknown(near, reach, len(z) / reach, (low, high)),) * len(caps)
     for width, tried in ((max(reach, 4 * wide), caps[:2]), (reach, caps)):

@@ -190,6 +190,7 @@ def fit_section(
     if z_range is None:
         z_used = _trimmed(low, high, found[0].layout.sigma(found[0].theta))
         rows = _between(points, z_used)
+        require(len(rows) > 0, EstimationError, "no points are left between the ends of what was fitted: it is no longer than its noise reaches")
         scene = scene_of(points, rows, z_used, area, size, fixed, options.seed, options.stated)
         found = near_again(scene, found)
     found = _with_ends(points, found, (low, high), z_used)

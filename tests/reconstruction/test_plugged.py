@@ -9,6 +9,7 @@ from scan2fea.reconstruction.budget import UNSEEN_WALLS
 from scan2fea.reconstruction.empty_places import EMPTY_PLACES
 from scan2fea.reconstruction.evidence import at_most
 from scan2fea.reconstruction.gates import failed
+from scan2fea.reconstruction.gates_planar import BESIDE_FLATS
 from scan2fea.reconstruction.plugged import BOTTOM, PLUGGED, unplugged
 from scan2fea.simulation.shapes import chs, cylinder
 from scan2fea.types import PointCloud, Scan, TriangleMesh
@@ -49,6 +50,14 @@ def test_an_open_bore_passes_and_a_closed_one_is_told(seen):
     blind = Scan(cloud=PointCloud.of(scan.cloud.points))
     assert check_of(unplugged(blind, replace(first, source="outside flood"), (bar,))).passed
     assert not check_of(unplugged(blind, replace(first, source="outside flood", mesh=BAR), (bar,))).passed
+
+
+@pytest.mark.parametrize(("left_out", "passed"), [(0.4, False), (0.6, True)])
+def test_a_flat_solid_that_leaves_out_most_points_tells_nothing(seen, left_out, passed):
+    scan, first, bar = seen
+    other = replace(bar, checks=(*bar.checks, at_most(BESIDE_FLATS, left_out, 0.01, "curved")))
+    found = unplugged(scan, replace(first, mesh=BAR), (other,))
+    assert (PLUGGED not in {check.name for check in found.checks}) is passed
 
 
 @pytest.mark.parametrize(("count", "aside", "passed"), [(BOTTOM, 0.3, True), (BOTTOM - 1, 0.3, False), (50, 0.95, False)])

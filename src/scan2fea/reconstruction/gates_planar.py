@@ -47,6 +47,7 @@ CURED = frozenset({
     GAPS_ENTERED,
 })  # fmt: skip
 LEAST_POINTS, MANY = 10, 40  # of a face: to be tested whether it is bent, and to be tested alone
+BESIDE_FLATS = "points beside flat faces"
 UNCERTAIN = 0.02  # of the volume that the places of the planes leave open
 APART = 0.03  # of the volume that the solid and the first surface differ by, besides what rims explain
 UNMEASURED = 0.10
@@ -86,7 +87,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
     flats = replace(mesh, faces=mesh.faces[number < 0], face_region=region[number < 0])
     checks = [
         at_most(
-            "points beside flat faces", share, unexplained,
+            BESIDE_FLATS, share, unexplained,
             f"{share:.1%} of the points lie on none of the faces (limit {unexplained:.1%}): the part has curved or missing ones",
         ),
         _scatter("scatter about flat faces", off[flat], EXCESS * sigma + BEND_SPACING * h, sigma),

@@ -27,7 +27,7 @@ from scan2fea.reconstruction.bores import Bore
 from scan2fea.reconstruction.flat_gaps import over_walls
 from scan2fea.reconstruction.flat_solid import flat_solid
 from scan2fea.reconstruction.gates import failed
-from scan2fea.reconstruction.gates_planar import DIFFER, gates_planar
+from scan2fea.reconstruction.gates_planar import BESIDE_FLATS, DIFFER, gates_planar
 from scan2fea.reconstruction.gates_round import one_region, rolled
 from scan2fea.reconstruction.gates_surface import LEFT_OUT
 from scan2fea.reconstruction.lost_bores import closed_bores
@@ -64,7 +64,7 @@ VOTE = 0.5  # cubic spacings that a point on a cylinder speaks for on either sid
 FEW = 0.1  # of a cell: with less of it seen only that counts
 PLACED = 2  # times that the planes are placed again by the faces they bound
 # of these each may come of a wall that the first surface lacks part of: its points lie on no face of what is left
-MISLABELLED = frozenset({DIFFER, "points beside flat faces", "stray points", LEFT_OUT})
+MISLABELLED = frozenset({DIFFER, BESIDE_FLATS, "stray points", LEFT_OUT})
 FULL = 0.5  # points per square spacing that back a facet fully
 BACKED = 0.25  # of them, where the facet says what lies behind it
 

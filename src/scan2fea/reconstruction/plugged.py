@@ -16,13 +16,15 @@ from scan2fea.reconstruction.budget import UNSEEN_WALLS
 from scan2fea.reconstruction.empty_places import EMPTY_PLACES, Discs, discs_of
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.gates import failed
+from scan2fea.reconstruction.gates_planar import BESIDE_FLATS
 from scan2fea.reconstruction.sight import BESIDE, SIGMAS, Sight
 from scan2fea.reconstruction.visibility import Reconstruction
-from scan2fea.types import BoolArray, FloatArray, Scan, TriangleMesh
+from scan2fea.types import BoolArray, Check, FloatArray, Scan, TriangleMesh
 
 PLUGGED = "bores closed where nobody saw"
 STEPS = 64  # places on the way from one face to the other
 CORE = 0.7  # of an empty circle's radius: the wall of the bore is no nearer to its axis, a bottom is
+HELD = 0.5  # share of the points that a flat solid may leave out: beyond it its walls are not those of the part
 BOTTOM = 3  # points in that core of a bottom that was measured: 10 are due where 2.5 spacings are empty
 
 
@@ -32,7 +34,7 @@ def unplugged(scan: Scan, found: Reconstruction, flats: Sequence[Reconstruction]
     flats : solids of flat faces, refused; those refused for such places are asked where these are. With sight lines a place counts if they enter it
     from both faces, or one passes: elsewhere nobody looked into the wall.
     """
-    against = [flat for flat in flats if not {EMPTY_PLACES, UNSEEN_WALLS}.isdisjoint(check.name for check in failed(flat.checks))]
+    against = [flat for flat in flats if _knows_empty_places(failed(flat.checks))]
     if failed(found.checks) or not against:
         return found
     measured = scan.cloud.points if scan.cloud.is_inferred is None else scan.cloud.points[~scan.cloud.is_inferred]
@@ -50,6 +52,12 @@ def unplugged(scan: Scan, found: Reconstruction, flats: Sequence[Reconstruction]
         "it may go through; scan into it"
     )
     return replace(found, checks=(*found.checks, at_most(PLUGGED, float(len(worst)), 0.0, says)))
+
+
+def _knows_empty_places(against: Sequence[Check]) -> bool:
+    """Was a flat solid refused for empty places, and does it hold the points of the part?"""
+    values = {check.name: float(check.value or 0.0) for check in against}
+    return not {EMPTY_PLACES, UNSEEN_WALLS}.isdisjoint(values) and values.get(BESIDE_FLATS, 0.0) <= HELD
 
 
 def _is_closed(discs: Discs, mesh: TriangleMesh, skin_m: float) -> BoolArray:

@@ -18,7 +18,7 @@ from scan2fea.reconstruction.budget import BARE_FACES, FLAT_INSTEAD, HIDDEN_VOLU
 from scan2fea.reconstruction.empty_places import EMPTY_PLACES
 from scan2fea.reconstruction.evidence import BY_FLOOD, BY_NORMALS, around, at_most
 from scan2fea.reconstruction.gates import failed, in_all
-from scan2fea.reconstruction.gates_planar import DIFFER, RIM_CUT
+from scan2fea.reconstruction.gates_planar import BESIDE_FLATS, DIFFER, RIM_CUT
 from scan2fea.reconstruction.inner_places import inner_places
 from scan2fea.reconstruction.lost_holes import LOST_HOLES, holes_apart
 from scan2fea.reconstruction.sight import Sight, blocked_lines
@@ -30,7 +30,7 @@ from scan2fea.types import Check, Scan, TriangleMesh
 WHERE = frozenset({DIFFER, FLAT_INSTEAD, HIDDEN_VOLUME, WALL_ENDS, BARE_FACES, EMPTY_PLACES, UNSEEN_WALLS, VOLUME_IN_DOUBT, "unmeasured area"})
 # of these each may come of points on the wall of a hole that the faces close, or of planes that lean among those of its rim
 OF_LOST_HOLES = WHERE | {
-    LOST_HOLES, "points beside flat faces", "deviation p95", "stray points", "points afloat inside", "scatter about flat faces", "bent faces"
+    LOST_HOLES, BESIDE_FLATS, "deviation p95", "stray points", "points afloat inside", "scatter about flat faces", "bent faces"
 }  # fmt: skip
 CUT = math.sqrt(RIM_CUT)  # spacings that a square edge lies before the chord which cuts RIM_CUT square spacings off it
 SENSORS, BLIND = "sensors", (BY_FLOOD, BY_NORMALS)  # what told the outside

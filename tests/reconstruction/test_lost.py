@@ -10,7 +10,7 @@ from scan2fea.kernel.measures import volume
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction import reconstruct
 from scan2fea.reconstruction.gates import failed
-from scan2fea.reconstruction.lost_bores import BORES_CLOSED, closed_bores, facing_axis, told_bores
+from scan2fea.reconstruction.lost_bores import BORES_CLOSED, _is_like, closed_bores, facing_axis, told_bores
 from scan2fea.simulation.shapes import bracket
 from scanned import scanned
 
@@ -104,3 +104,12 @@ def test_two_skins_of_a_wall_are_no_circle():
     slab = moved(bracket(0.12, 0.05, 0.0075, 0.06, [], 2e-5), POSE, AT)
     scan, _, normals = scanned(slab, H, 0.0003, seed=1)
     assert told_bores(scan.cloud.points, normals, H, 0.0003) == []
+
+
+def test_one_more_bore_as_wide_and_deep_needs_less_proof_in_whatever_wall_it_is():
+    """Both legs of an angle are drilled alike."""
+    scan, _, normals = scanned(PART, H, NOISE, seed=0)
+    bore = told_bores(scan.cloud.points, normals, H, NOISE)[0]
+    across = replace(bore, surface=replace(bore.surface, axis=bore.surface.frame()[0]))
+    wider = replace(bore, surface=replace(bore.surface, radius=1.2 * bore.surface.radius))
+    assert _is_like(across, bore) and not _is_like(wider, bore) and not _is_like(replace(bore, depth_m=1.2 * bore.depth_m), bore)

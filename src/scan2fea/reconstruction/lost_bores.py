@@ -19,7 +19,7 @@ from scan2fea.kernel.delaunay import Tetrahedralisation
 from scan2fea.kernel.distances import signed_distance
 from scan2fea.kernel.surfaces import Surface
 from scan2fea.kernel.topology import surface_topology
-from scan2fea.reconstruction.bores import ALONG, AROUND, CLEAR, LEAST_POINTS, RADIUS_KNOWN, Bore, distinct_bores, every_bore, on_one_axis
+from scan2fea.reconstruction.bores import AROUND, CLEAR, LEAST_POINTS, RADIUS_KNOWN, Bore, distinct_bores, every_bore, on_one_axis
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.plane_growing import Planes, grow_planes
 from scan2fea.reconstruction.round_growing import CHORD, off_round_m
@@ -106,10 +106,10 @@ def _faces_in(bore: Bore, normals: FloatArray) -> bool:
 
 
 def _is_like(bore: Bore, other: Bore) -> bool:
-    """Is a bore as wide and as deep as another, along the same direction? Bolt holes come in patterns: one more of the same needs less proof."""
+    """Is a bore as wide and as deep as another? Bolt holes come in patterns, on both legs of an angle too: one more of the same needs less proof."""
     as_wide = abs(bore.surface.radius - other.surface.radius) < RADIUS_KNOWN * other.surface.radius
     as_deep = abs(bore.depth_m - other.depth_m) < RADIUS_KNOWN * other.depth_m
-    return bool(as_wide and as_deep and abs(bore.surface.axis @ other.surface.axis) > ALONG)
+    return bool(as_wide and as_deep)
 
 
 def _is_told(bore: Bore, points: FloatArray, spacing_m: float, sigma_m: float, least: int, chance: float) -> bool:

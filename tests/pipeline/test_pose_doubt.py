@@ -12,7 +12,7 @@ from scan2fea.kernel.sections import section
 from scan2fea.kernel.transforms import applied, inverse, rigid
 from scan2fea.pipeline.config import load_config
 from scan2fea.pipeline.convert import convert
-from scan2fea.pipeline.dimension_doubt import FramePose, PoseDoubt, widened
+from scan2fea.pipeline.dimension_doubt import FramePose, PoseDoubt, coarsened, widened
 from scan2fea.pipeline.part import Part
 from scan2fea.pipeline.pose_doubt import doubt_of, smeared_by
 from scan2fea.pipeline.record import Record
@@ -122,6 +122,14 @@ def test_a_thickness_takes_the_doubt_of_both_frames_and_a_width_that_one_saw_tak
     assert std["b"] == pytest.approx(0.0005, rel=0.05)
     np.testing.assert_allclose(np.sqrt(np.diag(told.covariance)), list(std.values()), rtol=1e-9)
     assert std["length"] < math.hypot(0.0005, math.hypot(0.003, 0.006) / math.sqrt(3))
+
+
+def test_a_thickness_between_faces_of_whole_millimetres_is_known_to_two_roundings():
+    member = member_of("rect", PLATE, dict.fromkeys(PLATE, 1e-8))
+    told = coarsened(replace(member, sigma_m=1e-6), 1e-3)
+    assert {p.name: p.std_m for p in told.parameters} == pytest.approx(dict.fromkeys(PLATE, 1e-3 / math.sqrt(6.0)), rel=1e-3)
+    np.testing.assert_allclose(np.sqrt(np.diag(told.covariance)), 1e-3 / math.sqrt(6.0), rtol=1e-3)
+    assert coarsened(member, 0.0) is member  # nothing was rounded
 
 
 def test_frames_that_move_together_move_the_member_and_no_dimension():

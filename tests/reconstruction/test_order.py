@@ -1,13 +1,17 @@
-"""Points on exact grids: no order but that of the file tells a camera."""
+"""Points on exact grids, or of few digits: no order but that of the file tells a camera, and what was rounded is told."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+from predicates import rotation
 from scan2fea.reconstruction import reconstruct
-from scan2fea.simulation.shapes import box, l_beam, plate
+from scan2fea.reconstruction.budget import ROUNDED
+from scan2fea.reconstruction.coordinate_rounding import with_rounding
+from scan2fea.simulation.shapes import box, bracket, l_beam, plate
 from scan2fea.types import PointCloud, Scan
+from scanned import scanned
 
 
 def gridded(mesh, pitch):
@@ -25,3 +29,14 @@ def gridded(mesh, pitch):
 def test_exact_faces_in_the_order_of_a_space_filling_curve_were_seen_by_no_camera(mesh):
     """Rows in parallel planes, or of millions of pixels, had ended in internal faults."""
     assert reconstruct(Scan(cloud=PointCloud.of(gridded(mesh, 0.012)))).source == "outside flood"
+
+
+def test_coordinates_of_few_digits_leave_the_thickness_of_a_plate_open():
+    """A plate of 9.4 mm written in whole millimetres has 9 or 10; one that leans is rounded up and down along its faces."""
+    mesh = bracket(0.09, 0.06, 0.0094, 0.06, [("a", 0.05, 0.03, 0.0055)], 2e-5)
+    flat = scanned(mesh, 0.003, seed=2)[1] + 3e-4
+    found = {check.name: check for check in reconstruct(Scan(cloud=PointCloud.of(np.round(flat, 3)))).checks}
+    assert not found[ROUNDED].passed and "whole steps of 1 mm" in found[ROUNDED].says
+    assert ROUNDED not in {check.name for check in reconstruct(Scan(cloud=PointCloud.of(flat))).checks}
+    leaning = with_rounding(reconstruct(Scan(cloud=PointCloud.of(np.round(flat @ rotation(2).T, 3)))), np.round(flat @ rotation(2).T, 3))
+    assert {check.name: check for check in leaning.checks}[ROUNDED].passed

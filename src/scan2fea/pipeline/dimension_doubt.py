@@ -14,6 +14,7 @@ import numpy as np
 from scan2fea.errors import StageError
 from scan2fea.estimation.field import in_section, residual_field
 from scan2fea.estimation.solid import Solid, solid_of
+from scan2fea.kernel.coordinate_steps import rounding_std
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.sections import PARAMETERS, ROUND, corner_factors, edge_names, section
 from scan2fea.kernel.sweep import axis_at
@@ -70,6 +71,16 @@ def widened(member: Member, cloud: PointCloud, doubt: PoseDoubt, face_m: float =
         p if p.std_m is None else replace(p, std_m=math.hypot(p.std_m, float(std[k]))) for k, p in enumerate(member.parameters)
     )
     return replace(member, parameters=parameters, covariance=covariance)
+
+
+def coarsened(member: Member, step_m: float) -> Member:
+    """The member whose estimated dimensions, each between two faces, are uncertain by coordinates that were rounded to whole steps too."""
+    more = 2.0 * rounding_std(step_m, member.sigma_m) ** 2
+    if not more > 0.0:
+        return member
+    estimated = np.array([p.std_m is not None for p in member.parameters]) & (np.diag(member.covariance) > 0)
+    parameters = tuple(p if p.std_m is None else replace(p, std_m=math.hypot(p.std_m, math.sqrt(more))) for p in member.parameters)
+    return replace(member, parameters=parameters, covariance=member.covariance + more * np.diag(estimated.astype(float)))
 
 
 def _covariance(member: Member, cloud: PointCloud, doubt: PoseDoubt) -> FloatArray:

@@ -26,12 +26,13 @@ from scan2fea.estimation.several import several_members
 from scan2fea.estimation.systematic import face_error
 from scan2fea.estimation.table import Table, read_table
 from scan2fea.estimation.unseen_end import unseen_end
+from scan2fea.kernel.coordinate_steps import coordinate_step, rounding_std
 from scan2fea.kernel.noise import spacing
 from scan2fea.kernel.pinned import SEEN
 from scan2fea.kernel.pipe_path import pipe_path
 from scan2fea.kernel.sections import PARAMETERS, ROUND
 from scan2fea.options import option
-from scan2fea.pipeline.dimension_doubt import PoseDoubt, widened
+from scan2fea.pipeline.dimension_doubt import PoseDoubt, coarsened, widened
 from scan2fea.types import FloatArray, Footing, Member, PointCloud, Route, Scan, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
@@ -180,7 +181,8 @@ def _straight(
     member, fit = _ended(scan, member, fit, footings) if not options.whole and "length" not in section.fixed else (member, fit)
     told = fit.explanation
     face_m = face_error(told.pattern_m, told.p_value, fit.section.sigma_m) if fit.method == "density" else 0.0
-    member = widened(member, scan.cloud, doubt, face_m)
+    step_m = coordinate_step(measured, spacing(measured))
+    member = coarsened(widened(member, scan.cloud, doubt, face_m), step_m)
     if not any(p.observable or p.source == "fixed" for p in member.parameters if p.name != "length"):
         reason, likeliest = (_open(fit.member, options), member) if fit.explains else (fit.reason, None)
         return Estimate(member=None, explains=False, reason=reason, strip=strip, likeliest=likeliest)
@@ -193,7 +195,8 @@ def _straight(
     if fit.explains:
         member = replace(member, damage=damages(scan.cloud.points, member, member.sigma_m, options.seed))
     return Estimate(
-        member=member, explains=fit.explains, reason=_reason(fit, options), p_fixed=fit.p_fixed, given=fit.given, whole=options.whole, strip=strip,
+        member=member, explains=fit.explains, reason=_reason(fit, options, step_m), p_fixed=fit.p_fixed, given=fit.given,
+        whole=options.whole, strip=strip,
         stray_share=told.stray_share if fit.explains else 0.0, open_end=fit.why.get("length", "") if fit.explains else "",
         bare_ends=_bare_ends(fit, is_rested or END in member.seated), bare_wall=told.cuts[0] if fit.explains and told.cuts else None,
         bare_share=share_of_sides(told.cuts, fit.member) if fit.explains else 0.0,
@@ -239,8 +242,10 @@ def known_section(route: RouteOptions, table: Table | None) -> KnownSection:
     return KnownSection(family=given.family, fixed=given.parameters)
 
 
-def _reason(fit: MemberFit, options: MemberOptions) -> str:
+def _reason(fit: MemberFit, options: MemberOptions, step_m: float) -> str:
     said = [fit.reason]
+    if rounding_std(step_m, fit.section.sigma_m) > fit.section.sigma_m:
+        said.append(f"the coordinates are whole steps of {MILLIMETRES_PER_METRE * step_m:.3g} mm, which no number of points averages away")
     if fit.p_fixed is not None:
         said.append(f"the dimensions given have a p-value of {fit.p_fixed:.3g}")
     said += [fit.why["length"]] if "length" in fit.why and fit.explains else []

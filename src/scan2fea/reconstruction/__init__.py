@@ -13,6 +13,7 @@ from scan2fea.options import option
 from scan2fea.reconstruction.advancing_front import FrontOptions, advancing_front
 from scan2fea.reconstruction.ball_pivoting import PivotOptions, ball_pivoting
 from scan2fea.reconstruction.bores import Bore, distinct_bores
+from scan2fea.reconstruction.coordinate_rounding import with_rounding
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.gates_planar import CURED
 from scan2fea.reconstruction.lost_bores import BORES_CLOSED, closed_bores, told_bores
@@ -57,13 +58,13 @@ def reconstruct(scan: Scan, options: ReconstructionOptions = ReconstructionOptio
         fewer = Scan(cloud=fewer.cloud.take(morton_order(fewer.cloud.points)), rays=fewer.rays)
     if options.method != "visibility":
         found = METHODS[options.method](fewer, options)
-        return _nothing_lost(found, _planes_and_bores(fewer, found)[1])
+        return _nothing_lost(fewer, found, _planes_and_bores(fewer, found)[1])
     found, flats, bores = _with_flats(fewer, options)
     found = served_smooth(fewer, found) if options.smooth else found
     found = served_sharp(fewer, found) if options.flat else found
     found = unplugged(fewer, found, flats, options.seed)
     found = contradicted(fewer, found, flats, options.seed)  # asked of what is shipped: led out edges may have mended the rest
-    return _nothing_lost(found, bores)
+    return _nothing_lost(fewer, found, bores)
 
 
 def _with_flats(scan: Scan, options: ReconstructionOptions) -> tuple[Reconstruction, tuple[Reconstruction, ...], Sequence[Bore]]:
@@ -98,8 +99,9 @@ def _planes_and_bores(scan: Scan, found: Reconstruction, before: Sequence[Bore] 
     return grown, distinct_bores([*before, *more])
 
 
-def _nothing_lost(found: Reconstruction, bores: Sequence[Bore]) -> Reconstruction:
-    """What is shipped, with a check of whether it has the bores that were scanned."""
+def _nothing_lost(scan: Scan, found: Reconstruction, bores: Sequence[Bore]) -> Reconstruction:
+    """What is shipped, with checks of whether it has the bores that were scanned, and of what the digits of the file leave open."""
+    found = with_rounding(found, scan.cloud.points if scan.cloud.is_inferred is None else scan.cloud.points[~scan.cloud.is_inferred])
     if failed(found.checks):
         return found
     others = (check for check in found.checks if check.name != BORES_CLOSED)

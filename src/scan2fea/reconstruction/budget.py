@@ -18,12 +18,13 @@ EDGES_CUT = "edges between points"
 EDGES_GROWN = "edges in the noise"
 PLACE = "place of the planes"
 SCANS = "places of the scans"
+ROUNDED = "rounded coordinates"
 GAPS = "volume under gaps"
 UNSEEN_WALLS = "walls that nobody saw"
 FLAT_INSTEAD = "flat solid through the same points"
 MIXED = "noise past the middle of walls"
 SHARES = dict.fromkeys((HIDDEN_VOLUME, WALL_ENDS, BARE_FACES, EDGES_CUT, EDGES_GROWN, GAPS, MIXED, UNSEEN_WALLS, FLAT_INSTEAD), 1.0)
-SHARES[PLACE] = SHARES[SCANS] = 2.0  # a standard deviation counts twice
+SHARES[PLACE] = SHARES[SCANS] = SHARES[ROUNDED] = 2.0  # a standard deviation counts twice
 
 
 def volume_in_doubt(checks: tuple[Check, ...]) -> Check:

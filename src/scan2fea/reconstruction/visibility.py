@@ -160,7 +160,7 @@ def told_images(scan: Scan, options: VisibilityOptions) -> Images | None:
     """The images that the order of the points tells, where no sensor positions are known."""
     if not options.use_sensors or scan.rays is not None or scan.cloud.is_inferred is not None:
         return None
-    if (np.diff(scan.cloud.raw_index) > 0).mean() < IN_ORDER:
+    if np.count_nonzero(np.diff(scan.cloud.raw_index) > 0) < IN_ORDER * (len(scan.cloud) - 1):
         return None
     return images_of(scan.cloud.points, scan.cloud.raw_index)
 

@@ -22,6 +22,7 @@ from scan2fea.reconstruction.round_gaps import between
 from scan2fea.reconstruction.round_growing import Rounds, grow_rounds
 from scan2fea.reconstruction.rounds import on_rounds
 from scan2fea.reconstruction.shapes_found import Faces, flat_faces, joined_faces, planes_beside, round_faces, rounds_of
+from scan2fea.remeshing.exact import SHARP_DEG
 from scan2fea.simulation.polyhedra import drilled, meshed, prism, raised
 from scan2fea.simulation.shapes import bracket, chs, circle
 from scan2fea.types import TriangleMesh
@@ -48,6 +49,12 @@ def test_the_prism_has_the_section_of_the_circle():
         assert n * apothem**2 * np.tan(np.pi / n) == pytest.approx(np.pi * radius**2, rel=1e-12)
         assert np.allclose(ways @ POSE[:, 2], 0.0, atol=1e-12) and np.allclose(ways.sum(axis=0), 0.0, atol=1e-9)
     assert len(facets(_cylinder(0.02), 0.002)[0]) > len(facets(_cylinder(0.02), 0.02)[0])
+
+
+@pytest.mark.parametrize("spacings", [0.5, 1.4, 3.0, 20.0])
+def test_sides_turn_by_less_than_what_a_drawn_plane_ends_at(spacings):
+    """A hole of 1.4 spacings was a prism of 17 sides, each remeshed as a flat of its own, and became a triangle in the solid."""
+    assert 360.0 / len(facets(_cylinder(0.01), 0.01 / spacings)[0]) < SHARP_DEG
 
 
 @pytest.mark.parametrize("sense", [1, -1])

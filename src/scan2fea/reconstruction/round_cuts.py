@@ -22,7 +22,7 @@ from scan2fea.types import FloatArray, IntArray, Value
 
 MOST_CELLS = 5000  # pieces of space, a millisecond each: brackets and tubes need 200 to 800, cylinders laid through a dome a million
 SAGITTA = 0.025  # spacings that the arc of a facet rises over its chord, and no more than the noise where that is larger still
-LEAST_FACETS, MOST_FACETS = 12, 96
+LEAST_FACETS, MOST_FACETS = 20, 96  # 18 degrees from one to the next: sides that turn by 20 and more are remeshed as flats of their own
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

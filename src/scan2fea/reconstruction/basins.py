@@ -1,6 +1,6 @@
 """Insides that the rolling ball enters through gaps of the scan, told from the outside by what lies behind their points.
 
-A gap wider than the ball lets it into a thick solid, and no larger ball helps where the gap is wider than a bore. But the solid is wider than its
+A gap wider than the ball lets it into a thick solid, and no larger ball helps where the gap is wider than a bore. But the solid is as wide as its
 gap: as the ball shrinks, the inside is a basin of its own until the ball passes the gap (a watershed on the radii of the facets of the Delaunay tets,
 as in the persistence of alpha shapes). What decides is local: behind the points of a solid lies the outside, behind those of a tank or a pocket its
 wall. The gap itself must be one in a face, which goes on across it: where the border of an opening turns into it (the mouth of a tube, of a vessel,
@@ -20,8 +20,7 @@ from scan2fea.kernel.union_find import root
 from scan2fea.reconstruction.flooding import Setting, depths, facet_radii
 from scan2fea.types import BoolArray, FloatArray, IntArray
 
-WIDER = 1.2  # than its mouth, that a basin must be
-LEAST_VOLUME = 200.0  # cubic spacings: smaller pockets are what every surface is full of; and at least a ball WIDER than the mouth
+LEAST_VOLUME = 200.0  # cubic spacings: smaller pockets are what every surface is full of; and at least half a ball, the one that fills the mouth
 WIDEST_SHARE, DENSITY = 0.02, 0.85  # of the area: a gap beyond it is refused in any case; points per squared spacing of a random sample
 BEHIND = 0.8  # spacings: right beside a point
 BACKED = 0.5  # of the points of a solid, with the outside behind them
@@ -35,7 +34,7 @@ def parted(setting: Setting, radius: float) -> BoolArray:
     tetra, h = setting.tetra, setting.spacing_m
     widest = h * math.sqrt(WIDEST_SHARE * tetra.n_input / (DENSITY * math.pi))
     volumes = np.where(tetra.is_box, 0.0, tetra.volumes)
-    label, kind = _watershed(one, other, width, volumes, tetra.is_box, WIDER, LEAST_VOLUME * h**3, widest)
+    label, kind = _watershed(one, other, width, volumes, tetra.is_box, LEAST_VOLUME * h**3, widest)
     outside = np.asarray(kind[label] == BOX)
     left = [int(v) for v in np.flatnonzero(kind == BASIN)]
     solid: list[int] = []
@@ -108,12 +107,12 @@ NOTHING, BOX, BASIN = 0, 1, 2
 
 @jit
 def _watershed(
-    one: IntArray, other: IntArray, width: FloatArray, volume: FloatArray, is_box: BoolArray, wider: float, least: float, widest: float
+    one: IntArray, other: IntArray, width: FloatArray, volume: FloatArray, is_box: BoolArray, least: float, widest: float
 ) -> tuple[IntArray, IntArray]:
     """The basin of each tet, named by one of its tets, and what each basin is: the outside, one of its own, or nothing (tets no ball passes).
 
-    one, other, width : of the facets, widest first. Two basins meet at a facet: the one that is less wide is kept apart if it is `wider` times
-    that facet and holds `least` and a ball so wide, unless the facet is larger than `widest`; else it becomes part of the other.
+    one, other, width : of the facets, widest first. Two basins meet at a facet: the one that is less wide is kept apart if it is as wide and
+    holds `least` and the half ball that lies behind so wide a mouth, unless the facet is larger than `widest`; else it becomes part of the other.
     """
     m = len(volume)
     parent = np.arange(m)
@@ -130,8 +129,7 @@ def _watershed(
             continue
         if kind[b] != NOTHING or (kind[a] == NOTHING and breadth[b] > breadth[a]):
             a, b = b, a
-        ball = wider * width[k]
-        if width[k] <= widest and breadth[b] > ball and held[b] > max(least, 4.0 / 3.0 * math.pi * ball**3):
+        if breadth[b] >= width[k] and width[k] <= widest and held[b] > max(least, 2.0 / 3.0 * math.pi * width[k] ** 3):
             kind[b] = BASIN
             kind[a] = BASIN if kind[a] == NOTHING else kind[a]
             continue

@@ -6,7 +6,7 @@ from scipy.spatial import ConvexHull, Delaunay
 
 from scan2fea.errors import ReconstructionError
 from scan2fea.kernel import delaunay
-from scan2fea.kernel.delaunay import FACETS, JITTER, depth_to, tet_at, tetrahedralise, walk_votes
+from scan2fea.kernel.delaunay import FACETS, JITTER, crossed, depth_to, tet_at, tetrahedralise, walk_votes
 from scan2fea.kernel.delaunay_insert import inserted
 
 
@@ -118,6 +118,20 @@ def test_depth_to_box_is_where_the_walk_enters_it():
     assert not tetra.is_box[just_before[depth > 0]].any()
     capped = depth_to(*graph(tetra), rows, way, tetra.is_box, 1.0)
     assert (np.isinf(capped) | (capped <= 1.0)).all() and (np.isfinite(capped) == (depth <= 1.0)).all()
+
+
+def test_the_tets_that_rays_cross_are_those_between_their_ends():
+    tetra = tetrahedralise(cloud(), 0.3, 0)
+    rows, way = np.arange(300), np.tile([0.0, 0.6, 0.8], (300, 1))
+    ray, tet = crossed(*graph(tetra), rows, way, 0.4)
+    assert (np.diff(ray) >= 0).all() and len(np.unique(ray)) == 300
+    follows = ray[1:] == ray[:-1]
+    assert (tetra.neighbors[tet[:-1][follows]] == tet[1:][follows, None]).any(axis=1).all()
+    for depth in (1e-9, 0.2, 0.4):
+        at = tet_at(*graph(tetra), rows, way, np.full(300, depth))
+        assert all(at[k] in tet[ray == k] for k in range(300))
+    last = tet[np.r_[~follows, True]]
+    assert (depth_to(*graph(tetra), rows, way, np.isin(np.arange(len(tetra)), last), 0.4) <= 0.4).all()
 
 
 def test_votes_are_paid_on_the_sensors_side():

@@ -5,7 +5,7 @@ from predicates import box, rotation
 from scan2fea.kernel.distances import sample_surface
 from scan2fea.kernel.measures import area, face_normals, volume
 from scan2fea.reconstruction import ReconstructionOptions, reconstruct
-from scan2fea.reconstruction.basins import BASIN, BOX, LEAST_VOLUME, NOTHING, _watershed, parted
+from scan2fea.reconstruction.basins import BACKED, BASIN, BOX, LEAST_VOLUME, NOTHING, _joined, _watershed, parted
 from scan2fea.reconstruction.flooding import reached
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.outside import LEAK_FREE, LEAK_TOLERATED, flood, prepare
@@ -167,3 +167,38 @@ def test_two_basins_and_a_tet_between_that_goes_where_the_wider_facet_leads():
 def test_tets_that_no_ball_passes_are_nothing():
     label, kind = _watershed(np.array([0]), np.array([1]), np.array([1.0]), np.ones(3), np.array([True, False, False]), 200.0, 9.0)
     assert list(kind[label]) == [BOX, BOX, NOTHING]
+
+
+def asked_anew(point, basin, side, n):
+    """What `_joined` finds, by asking every basin again whenever one has joined."""
+    outside = np.arange(n) == 0
+    while True:
+        beyond = {(p, 3 - s) for p, b, sides in zip(point, basin, side, strict=True) if outside[b] for s in (1, 2) if sides & s}
+        share = np.full(n, 1.0)
+        for v in np.flatnonzero(~outside):
+            told = [any((p, s) in beyond for s in (1, 2) if sides & s) for p, sides in zip(point[basin == v], side[basin == v], strict=True)]
+            share[v] = np.mean(told) if told else 0.0
+        if share[~outside].min(initial=1.0) >= BACKED:
+            return outside
+        outside[np.flatnonzero(~outside)[share[~outside].argmin()]] = True
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_basins_join_the_outside_one_by_one(seed):
+    rng = np.random.default_rng(seed)
+    key = np.unique(rng.integers(40 * 9, size=120))
+    point, basin, side = key // 9, key % 9, rng.integers(1, 4, len(key))
+    assert (_joined(point, basin, side, 9, BACKED) == asked_anew(point, basin, side, 9)).all()
+
+
+def test_a_pocket_that_is_outside_is_what_lies_behind_the_next_basin():
+    point = np.repeat(np.arange(6), 2)
+    side = np.tile([1, 2], 6)
+    basin = np.array([0, 2, 0, 2, 0, 2, 0, 2, 1, 2, 1, 2])  # 2 has the outside behind four points, and behind two the pocket 1
+    assert list(_joined(point, basin, side, 3, 0.7)) == [True, True, False]
+    assert list(_joined(point, basin, side, 3, 1.01)) == [True, True, True]
+
+
+def test_nothing_is_beside_a_basin_of_no_points():
+    nothing = np.zeros(0, np.int64)
+    assert list(_joined(nothing, nothing, nothing, 2, BACKED)) == [True, True]

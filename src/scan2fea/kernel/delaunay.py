@@ -315,3 +315,28 @@ def depth_to(
                 break
             t, facet, s = other, leave, s_next
     return out
+
+
+@jit
+def crossed(
+    points: FloatArray, tets: IntArray, neighbors: IntArray, first: IntArray, incident: IntArray,
+    vertex: IntArray, direction: FloatArray, cap: float,
+) -> tuple[IntArray, IntArray]:  # fmt: skip
+    """(ray, tet) of every tet that the ray from vertex[k] along the unit direction[k] enters within `cap` metres, in this order."""
+    work, ray = np.zeros(8), np.zeros(6)
+    out, n = np.empty((2, 8 * len(vertex)), np.int64), 0
+    for k in range(len(vertex)):
+        v = vertex[k]
+        ray[:3], ray[3:] = points[v], direction[k]
+        t, facet, s = start_tet(points, tets, first, incident, v, ray, work)
+        for _ in range(MAX_STEPS):
+            if t < 0:
+                break
+            if n == out.shape[1]:
+                out = np.hstack((out, np.empty_like(out)))
+            out[0, n], out[1, n] = k, t
+            n += 1
+            if facet < 0 or s > cap:
+                break
+            t, _entry, facet, s = next_tet(points, tets, neighbors, t, facet, ray, work)
+    return out[0, :n], out[1, :n]

@@ -15,9 +15,10 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from scan2fea.kernel.delaunay import crossed
 from scan2fea.kernel.jit import jit
 from scan2fea.kernel.union_find import root
-from scan2fea.reconstruction.flooding import Setting, depths, facet_radii
+from scan2fea.reconstruction.flooding import Setting, facet_radii
 from scan2fea.types import BoolArray, FloatArray, IntArray
 
 LEAST_VOLUME = 200.0  # cubic spacings: smaller pockets are what every surface is full of; and at least half a ball, the one that fills the mouth
@@ -35,21 +36,17 @@ def parted(setting: Setting, radius: float) -> BoolArray:
     widest = h * math.sqrt(WIDEST_SHARE * tetra.n_input / (DENSITY * math.pi))
     volumes = np.where(tetra.is_box, 0.0, tetra.volumes)
     label, kind = _watershed(one, other, width, volumes, tetra.is_box, LEAST_VOLUME * h**3, widest)
-    outside = np.asarray(kind[label] == BOX)
-    left = [int(v) for v in np.flatnonzero(kind == BASIN)]
-    solid: list[int] = []
-    while left:  # a pocket that is outside may be what lies behind the points of another basin
-        backed = [_backed(setting, label == v, outside) for v in left]
-        least = int(np.argmin(backed))
-        if backed[least] < BACKED:
-            outside |= label == left[least]
-        else:
-            solid.append(left[least])
-        left.pop(least)
-    while unsure := [v for v in solid if not _goes_on(setting, one, other, width, label == v, outside)]:
-        outside |= np.isin(label, unsure)
-        solid = [v for v in solid if v not in unsure]
-    return outside
+    names = np.flatnonzero(kind != NOTHING)
+    names = names[np.argsort(kind[names], kind="stable")]  # the outside comes first
+    number = np.full(len(tetra), -1)
+    number[names] = np.arange(len(names))
+    basin = number[label]
+    outside = _joined(*_beside(setting, basin), len(names), BACKED)
+    apart = basin[one] != basin[other]
+    openings = one[apart], other[apart], width[apart]
+    while unsure := [v for v in np.flatnonzero(~outside).tolist() if not _goes_on(setting, *openings, basin, v, outside)]:
+        outside[unsure] = True
+    return np.asarray((basin >= 0) & outside[basin])
 
 
 def _facets(setting: Setting, radius: float) -> tuple[IntArray, IntArray, FloatArray]:
@@ -62,33 +59,69 @@ def _facets(setting: Setting, radius: float) -> tuple[IntArray, IntArray, FloatA
     return one[order], tetra.neighbors[one, side][order], width[order]
 
 
-def _backed(setting: Setting, basin: BoolArray, outside: BoolArray) -> float:
-    """Share of the points right beside the basin that have the outside right behind them."""
-    vertices = np.unique(setting.tetra.tets[basin])
-    rows = vertices[vertices < setting.tetra.n_input]
-    near = BEHIND * setting.spacing_m
-    plus, minus = (way <= near for way in depths(setting, basin, near, rows))
-    out_plus, out_minus = (way <= near for way in depths(setting, outside, near, rows))
-    beside = plus | minus
-    return float(((plus & out_minus) | (minus & out_plus))[beside].mean()) if beside.any() else 0.0
-
-
-def _goes_on(setting: Setting, one: IntArray, other: IntArray, width: FloatArray, basin: BoolArray, outside: BoolArray) -> bool:
-    """Are the openings of the basin such that the faces round them go on across them?"""
+def _beside(setting: Setting, basin: IntArray) -> tuple[IntArray, IntArray, IntArray]:
+    """The basins right beside the points of basins, the outside (0) among them, by point: (point, basin, on which side: 1, 2 or 3 for both)."""
     tetra = setting.tetra
-    rows = np.flatnonzero((basin[one] & outside[other]) | (basin[other] & outside[one]))
+    rows = np.unique(tetra.tets[basin > 0])
+    rows = rows[rows < tetra.n_input]
+    both = np.vstack([setting.axis[rows], -setting.axis[rows]])
+    ray, tet = crossed(tetra.points, tetra.tets, tetra.neighbors, setting.first, setting.incident, np.tile(rows, 2), both, BEHIND * setting.spacing_m)
+    told = basin[tet] >= 0
+    ray, met = ray[told], basin[tet][told]
+    n = max(len(rows), 1)
+    key, of = np.unique(ray % n * len(basin) + met, return_inverse=True)
+    side = np.bincount(of[ray < n], minlength=len(key)).astype(bool) + 2 * np.bincount(of[ray >= n], minlength=len(key)).astype(bool)
+    return key // len(basin), key % len(basin), side
+
+
+@jit
+def _joined(point: IntArray, basin: IntArray, side: IntArray, n: int, backed: float) -> BoolArray:
+    """(n,) basins that are outside: 0, and the others, least backed first, until all that are left have it behind `backed` of their points.
+
+    point, basin, side : of `_beside`. A basin that joins the outside may be what lies behind the points of another.
+    """
+    ends = np.bincount(point).cumsum()
+    order = np.argsort(basin, kind="mergesort")
+    beside = np.bincount(basin, minlength=n)
+    last = beside.cumsum()
+    outside, behind, count = np.zeros(n, np.bool_), np.zeros(len(ends), np.int64), np.zeros(n)
+    joins = 0
+    while joins >= 0:
+        outside[joins] = True
+        for q in order[last[joins] - beside[joins] : last[joins]]:
+            i = point[q]
+            known = behind[i]
+            behind[i] |= side[q] >> 1 | (side[q] & 1) << 1  # the other side
+            for k in range(ends[i - 1] if i else 0, ends[i]):
+                if side[k] & known == 0 and side[k] & behind[i]:
+                    count[basin[k]] += 1
+        joins, least = -1, backed
+        for v in range(n):
+            share = count[v] / max(beside[v], 1)
+            if not outside[v] and share < least:
+                joins, least = v, share
+    return outside
+
+
+def _goes_on(setting: Setting, one: IntArray, other: IntArray, width: FloatArray, basin: IntArray, which: int, outside: BoolArray) -> bool:
+    """Are the openings of basin `which`, of these facets between basins, such that the faces round them go on across them?"""
+    tetra = setting.tetra
+    here, there = basin[one], basin[other]
+    rows = np.flatnonzero(((here == which) & outside[there]) | ((there == which) & outside[here]))
     if not len(rows):
         return True
     pair = np.concatenate([tetra.tets[one[rows]], tetra.tets[other[rows]]], axis=1)
     pair.sort(axis=1)
     twice = pair[:, 1:] == pair[:, :-1]
-    corner = pair[:, 1:][twice].reshape(-1, 3)  # two tets share three vertices
-    a, b, c = (tetra.points[corner[:, k]] for k in range(3))
+    vertices, corner = np.unique(pair[:, 1:][twice], return_inverse=True)  # two tets share three vertices
+    corner = corner.reshape(-1, 3)
+    a, b, c = (tetra.points[vertices[corner[:, k]]] for k in range(3))
     across = np.cross(b - a, c - a)
     size = np.linalg.norm(across, axis=1)
-    axis = np.concatenate([setting.axis, np.zeros((len(tetra.points) - tetra.n_input, 3))])
+    axis = np.zeros((len(vertices), 3))
+    axis[vertices < tetra.n_input] = setting.axis[vertices[vertices < tetra.n_input]]
     along = np.abs(np.einsum("fc,fkc->fk", across, axis[corner])).mean(axis=1)
-    of = _mouths(corner, len(tetra.points))
+    of = _mouths(corner, len(vertices))
     goes_on = np.bincount(of, along) >= GOES_ON * np.bincount(of, size)
     wide = np.zeros(len(goes_on), bool)
     wide[of[width[rows] > SMALL_MOUTH * setting.spacing_m]] = True
@@ -96,10 +129,10 @@ def _goes_on(setting: Setting, one: IntArray, other: IntArray, width: FloatArray
 
 
 def _mouths(corner: IntArray, n: int) -> IntArray:
-    """(k,) number of the opening of each facet: facets that share a vertex are one."""
+    """(k,) number of the opening of each facet: facets that share one of the n vertices are one."""
     rows = np.repeat(np.arange(len(corner)), 3)
     graph = coo_array((np.ones(len(rows), np.int8), (rows, len(corner) + corner.ravel())), shape=(len(corner) + n,) * 2)
-    return np.unique(connected_components(graph, directed=False)[1][: len(corner)], return_inverse=True)[1].ravel()
+    return np.asarray(connected_components(graph, directed=False)[1][: len(corner)])
 
 
 NOTHING, BOX, BASIN = 0, 1, 2

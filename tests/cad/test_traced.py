@@ -9,6 +9,7 @@ import pytest
 from drawn import drawing, triangles
 from predicates import box, rotation, sphere, torus
 from scan2fea.cad import corners, true_solid
+from scan2fea.cad.compared import faces_of
 from scan2fea.cad.corners import Meeting, met
 from scan2fea.cad.live import is_valid, parts
 from scan2fea.cad.network import LEAST_FACES, network_of
@@ -345,3 +346,16 @@ def test_only_corners_between_a_wall_and_one_face_are_made_even():
     assert moved
     assert all(len(regions[v]) == 2 and -1 in regions[v] for v in moved)
     assert all(even[v].off < 1e-9 for v in moved)
+
+
+def test_a_patch_that_noise_left_inside_another_is_of_that_one():
+    mesh, label, sides = labelled((30.0, 20.0, 10.0), 2.0)
+    middle, up = mesh.vertices[mesh.faces].mean(1), label[np.argmax(mesh.vertices[mesh.faces].mean(1)[:, 2])]
+    rows = np.flatnonzero(label == up)
+    at = np.array([14.0, 9.0, 10.0])
+    leaning = plane(at, [np.sin(0.4), 0.0, np.cos(0.4)])  # meets the side in one line, and not round it
+    label[rows[np.argsort(np.linalg.norm(middle[rows] - at, axis=1))[: 3 * LEAST_FACES]]] = len(sides)
+    found = traced_solid(mesh, label, [*sides, leaning], small([3] * 7), 0.3, 2.0, bridged=True)
+    assert found.solid is not None and is_valid(found.solid)
+    assert len(faces_of(found.solid)) == 6
+    assert volume_of(found.solid) == pytest.approx(6000.0, rel=1e-9)

@@ -21,6 +21,7 @@ LONGEST_STEP = 2.0  # mm
 SHORT = 3.0  # spacings: corners that a chain no longer than this joins may be one
 MOVES = 1.5  # spacings, and no farther from the middle of that chain
 EVENED = 4  # rounds
+COLLAPSED = 0.2  # of its length: a border whose edge is shorter has none
 LEAST_POINTS, MOST_POINTS = 6, 200  # along an edge
 
 _Tie = tuple[Surface, Surface, FloatArray]  # two surfaces that touch, and the way across the line of touch
@@ -207,6 +208,18 @@ class Meeting:
                 common = set.intersection(*sides)
                 if len(common) == 1 and len(set.union(*sides)) == 3 and min(common) >= 0:
                     out.append((np.array([v for v, k in self.corner_of.items() if k == corner]), min(common)))
+        return out
+
+    def islands(self, edges: Mapping[int, Edge]) -> dict[int, int]:
+        """Regions inside one other whose surfaces do not meet round them: the other's surface, by the region. Noise left them there."""
+        out, own = {}, self.network.surface
+        size = np.bincount(self.network.label, minlength=len(own))
+        for number, edge in edges.items():
+            found = self.network.chains[number]
+            if edge.first == edge.last and length_of(edge.points) < COLLAPSED * length_of(self.mesh.vertices[found.vertices]):
+                small, large = sorted((found.left, found.right), key=lambda k: size[k])
+                if own[small] >= 0 and own[large] >= 0:
+                    out[small] = int(own[large])
         return out
 
     def edges(self) -> Mapping[int, Edge]:

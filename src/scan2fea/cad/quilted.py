@@ -39,7 +39,6 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 GIVEN_UP = 8  # rounds in which surfaces that meet in no edge become free form
 ROUNDS = 8  # in which tiles are parted
 ROUNDED = 2.5  # times as far as an edge was moved the surface beside it is rounded
-COLLAPSED = 0.2  # of its length: a border whose edge is shorter has none
 MOST_PATCHES = 1_000
 MOST_FOLDED = 0.03  # of a patch: at a corner where borders meet at next to no angle, or a straight one, it has no normal
 TRIANGLES_A_PART = 6  # a tile of fewer for each of its patches is not parted
@@ -96,7 +95,7 @@ def _met(
         network = network.halved_through(made)
         meeting = Meeting(mesh, network, made, [touch.chain for touch in kept], tolerance, spacing)
         edges = meeting.edges()
-        islands = _islands(mesh, network, edges)
+        islands = meeting.islands(edges)
         if not islands:
             break
         for region, around in islands.items():
@@ -187,19 +186,6 @@ def _loose(mesh: TriangleMesh, network: Network, surfaces: Sequence[Surface], to
         total[0] += length_of(at)
         total[1] += length_of(at) if turn > MEETS and number not in touching else 0.0
     return {min(pair, key=lambda k: size[k]) for pair, (total, loose) in length.items() if loose > SMOOTH_SHARE * total}
-
-
-def _islands(mesh: TriangleMesh, network: Network, edges: Mapping[int, Edge]) -> dict[int, int]:
-    """Regions inside one other whose surfaces do not meet round them: the other's surface, by the region. Noise left them there."""
-    out = {}
-    size = np.bincount(network.label, minlength=len(network.surface))
-    for number, edge in edges.items():
-        found = network.chains[number]
-        if edge.first == edge.last and length_of(edge.points) < COLLAPSED * length_of(mesh.vertices[found.vertices]):
-            small, large = sorted((found.left, found.right), key=lambda k: size[k])
-            if network.surface[small] >= 0 and network.surface[large] >= 0:
-                out[small] = int(network.surface[large])
-    return out
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -29,6 +29,7 @@ EXACT = 5e-6  # mm: a line or an arc through the points of an edge
 RESOLUTION = 1e-6  # mm
 WALLS = 5  # rounds in which walls grow
 BRIDGED = 3  # rounds in which bridges are given to what lies under them
+ISLANDS = 2  # rounds in which patches inside others are given to these
 MOST_FACETS = 5_000
 POLES = 36  # directions tried
 SMALL = 0.01  # of the area: a larger patch is no piece of a wall
@@ -62,13 +63,13 @@ def traced_solid(
 
     walls : small patches whose corners or edges lie on no common point of their surfaces are walls of free form: their triangles become faces.
     Where a face comes out not valid the borders of walls on it are made even, and then, if small, it is a wall too.
-    bridged : where noise lets two patches touch across a third, the faces there are the third's.
+    bridged : where noise lets two patches touch across a third, the faces there are the third's; what it left inside a patch becomes of that one.
     parted : where surfaces do not meet, borders of those that touch are drawn again along the line of touch.
     free : (m,) faces of free form, each a face of the solid from the start.   exact : edges nearer than this to a line or an arc are one.
     """
     wall = np.zeros(len(label), bool) if free is None else free
-    area, evened, n_bridged = face_areas(mesh_mm), False, 0
-    for _ in range(WALLS + BRIDGED + parted):
+    area, evened, n_bridged, n_islands = face_areas(mesh_mm), False, 0, 0
+    for _ in range(WALLS + BRIDGED + ISLANDS + parted):
         network = network_of(mesh_mm, label, surfaces, wall)
         touches = touches_of(mesh_mm, network, surfaces, covariances, tolerance, spacing)
         loose, apart = _loose(mesh_mm, network, surfaces, {touch.chain for touch in touches})
@@ -79,6 +80,12 @@ def traced_solid(
         network = network.halved_through(made)
         meeting = Meeting(mesh_mm, network, made, [touch.chain for touch in kept], tolerance, spacing, evened=evened)
         edges = meeting.edges()
+        islands = meeting.islands(edges) if bridged and n_islands < ISLANDS else {}
+        if islands:
+            for region, around in islands.items():
+                label = np.where(network.label == region, around, label)
+            n_islands += 1
+            continue
         own = network.surface[network.label]
         bridges = meeting.bridges(tolerance, edges) if bridged and n_bridged < BRIDGED else []
         if bridges:

@@ -1,4 +1,8 @@
-"""Volume that may hide behind surface that nothing was measured on: what a closed surface, however neat, cannot know."""
+"""Volume that may hide behind surface that nothing was measured on: what a closed surface, however neat, cannot know.
+
+A gap in a face hides about as much depth as it is wide. Behind the end of what was seen of an opening (the mouth of a tube, into which sight lines
+led a little way: points round it look at it) anything may lie, up to the other side.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +12,22 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from scan2fea.kernel.distances import Nearest
-from scan2fea.kernel.measures import face_areas, face_normals, volume
+from scan2fea.kernel.measures import extent, face_areas, face_normals, volume
+from scan2fea.kernel.primitives import Plane
+from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.kernel.topology import edge_table
 from scan2fea.reconstruction.budget import HIDDEN_VOLUME
 from scan2fea.reconstruction.evidence import around, at_most
-from scan2fea.types import BoolArray, Check, FloatArray, TriangleMesh
+from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh
 
 LIMIT = 0.05  # of the volume: the error that is tolerated of a volume without noise
 REACH = 3.0  # spacings: a place farther from any point of its own side is not measured
 REACH_UNSEEN = 1.75  # the same where no sight line tells a hole from a gap: random points leave exp(-0.85 pi 1.75^2) = 0.03 % of a surface so bare
+LOOKS_IN = 0.7  # cosine between the normal of a point beside a patch and its way to the middle of that: a wall round the patch
+SECTORS, ROUND = 8, 4  # about the middle, and of these with such points: a wall beside a patch is in fewer, and what it hides as wide as that
+RIGHT_BEHIND = 1e-3  # of the reach: where rays begin
+ONE_WAY = 0.1  # of its area, what a patch looks one way with: less closes upon itself, and ends nothing
+LEAST_BEHIND = 1e-3  # of the volume, in a patch times the size of the part: less is not asked
 
 
 def hidden_volume(mesh: TriangleMesh, near: Nearest, spacing_m: float, reach: float = REACH) -> Check:
@@ -39,7 +50,8 @@ def hidden_check(share: float, where: FloatArray) -> Check:
 def unseen_volume(mesh: TriangleMesh, places: FloatArray, normals: FloatArray, reach_m: float) -> tuple[float, FloatArray]:
     """Share of the volume that may hide behind patches that no ray has met, and the middles of their faces.
 
-    A patch of area A and perimeter P spans a gap about 2 A / P wide; what it hides is taken as that deep: A^2 / P on either side.
+    A patch of area A and perimeter P spans a gap about 2 A / P wide; what it hides is taken as that deep: A^2 / P on either side. With points round
+    it that look at its middle it is the end of an opening, which may go on to the other side of the part.
     """
     bare = bare_faces_of(mesh, places, normals, reach_m)
     if not bare.any():
@@ -53,7 +65,32 @@ def unseen_volume(mesh: TriangleMesh, places: FloatArray, normals: FloatArray, r
     size = np.bincount(patch[bare], areas[bare])
     perimeter = np.bincount(patch[bare], (lengths * ~bare[twin]).sum(axis=1)[bare], len(size))
     hidden = size**2 / np.maximum(perimeter, np.sqrt(np.maximum(size, np.finfo(float).tiny)))
-    return float(hidden.sum() / abs(volume(mesh))), corners[bare].mean(axis=1)
+    whole = abs(volume(mesh))
+    for k in np.flatnonzero(size * extent(mesh.vertices) > LEAST_BEHIND * whole):
+        hidden[k] = max(hidden[k], _beyond_mouth_m3(mesh, np.flatnonzero(bare & (patch == k)), places, normals, reach_m))
+    return min(1.0, float(hidden.sum() / whole)), corners[bare].mean(axis=1)
+
+
+def _beyond_mouth_m3(mesh: TriangleMesh, own: IntArray, places: FloatArray, normals: FloatArray, reach_m: float) -> float:
+    """Volume between a patch and the other side of the part, where places beside it look at its middle from most sides; else 0.
+
+    own : rows of its faces.
+    """
+    areas, corners, ways = face_areas(mesh)[own], mesh.vertices[mesh.faces[own]], face_normals(mesh)[own]
+    way = areas @ ways / areas.sum()
+    if not len(places) or np.linalg.norm(way) < ONE_WAY:
+        return 0.0
+    way /= np.linalg.norm(way)
+    near = cKDTree(places).query_ball_point(np.unique(corners.reshape(-1, 3), axis=0), reach_m)
+    rows = np.unique(np.concatenate([np.asarray(some, np.int64) for some in near]))
+    axes = Plane(normal=way, offset=0.0).axes()
+    to = (areas @ corners.mean(axis=1) / areas.sum() - places[rows]) @ axes.T
+    looks = np.einsum("ij,ij->i", normals[rows] @ axes.T, to) > LOOKS_IN * np.linalg.norm(to, axis=1)
+    angle = np.arctan2(to[looks, 1], to[looks, 0])
+    if len(np.unique(np.floor(angle / (2.0 * np.pi) * SECTORS))) < ROUND:
+        return 0.0
+    deep, _ = first_hits(scene_of(mesh), corners.mean(axis=1) - RIGHT_BEHIND * reach_m * ways, np.repeat(-way[None], len(own), axis=0))
+    return float(areas @ np.where(np.isfinite(deep), deep, 0.0))
 
 
 def bare_faces_of(mesh: TriangleMesh, places: FloatArray, normals: FloatArray, reach_m: float) -> BoolArray:

@@ -246,6 +246,47 @@ def test_cylinders_that_would_cut_space_to_dust_are_given_up(monkeypatch):
         arranged(points, every, 0.1, 0.0)
 
 
+def test_a_side_cuts_no_more_than_the_cells_it_passes_through():
+    """Eight bores round a ninth that they do not meet: hardly more pieces than they have sides."""
+    bore, turn = _cylinder(0.01, -1), np.append(0.0, 0.06 * np.exp(2j * np.pi * (np.arange(8) / 8 + 0.03)))
+    across = bore.frame()
+    surfaces = tuple(replace(bore, point=bore.point + np.array([z.real, z.imag]) @ across) for z in turn)
+    none = Planes(normal=np.zeros((0, 3)), offset=np.zeros(0), label=np.zeros(0, np.int64), std_m=np.zeros(0))
+    every = shapes(np.zeros((0, 3)), none, Rounds(surfaces=surfaces, label=np.zeros(0, np.int64), std_m=np.full(9, 1e-6)), 0.002)
+    space = Arrangement(every.planes.normal, every.planes.offset, bore.point - 0.2, bore.point + 0.2)
+    group = [0]
+    for number in range(9):
+        group = cut_round(space, every, number, list(range(space.n_cells)), group)
+    angle = np.linspace(0, 2 * np.pi, 360)
+    ring = np.column_stack([np.cos(angle), np.sin(angle)]) @ across
+    for k, surface in enumerate(surfaces):
+        within, without = (np.array(group)[space.located(surface.point + radius * ring)] for radius in (0.0098, 0.0102))
+        assert (within == k + 1).all() and (without == 0).all()
+    sides = len(every.rows(0))
+    assert space.n_cells < 1.1 * 9 * sides
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_pieces_are_of_one_group_where_they_lie_within_the_same_prisms(seed):
+    """Holes and shafts that cross, meet or lie in each other: asked of every side at random places."""
+    rng = np.random.default_rng(seed)
+    surfaces = tuple(
+        replace(_cylinder(radius, sense), point=rng.uniform(-0.02, 0.02, 3), axis=axis / np.linalg.norm(axis))
+        for radius, sense, axis in zip((0.03, 0.02, 0.02, 0.008), (1, -1, 1, -1), rng.normal(size=(4, 3)), strict=True)
+    )
+    surfaces = (*surfaces, replace(surfaces[0], radius=0.024, sense=-1))
+    none = Planes(normal=np.zeros((0, 3)), offset=np.zeros(0), label=np.zeros(0, np.int64), std_m=np.zeros(0))
+    every = shapes(np.zeros((0, 3)), none, Rounds(surfaces=surfaces, label=np.zeros(0, np.int64), std_m=np.full(5, 1e-6)), 0.01)
+    space, group = Arrangement(every.planes.normal, every.planes.offset, np.full(3, -0.06), np.full(3, 0.06)), [0]
+    for number in range(5):
+        group = cut_round(space, every, number, list(range(space.n_cells)), group)
+    places = rng.uniform(-0.06, 0.06, (20000, 3))
+    height = places @ every.planes.normal.T - every.planes.offset
+    within = [(surfaces[k].sense * height[:, every.rows(k)] <= 0).all(axis=1) for k in range(5)]
+    pairs = np.unique(np.column_stack([*within, np.array(group)[space.located(places)]]), axis=0)
+    assert len(pairs) == len(np.unique(pairs[:, :-1], axis=0)) == len(np.unique(pairs[:, -1]))
+
+
 def test_a_thin_wall_between_two_cylinders_is_one_cell_all_round():
     """Of the pieces beside a bore some lie within the outer cylinder whole: they are of its wall all the same."""
     for outer in (0.0215, 0.023, 0.03):

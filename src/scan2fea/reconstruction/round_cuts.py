@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull, QhullError
 
 from scan2fea.errors import ReconstructionError, require
-from scan2fea.kernel.arrangement import Arrangement, Cells
+from scan2fea.kernel.arrangement import ON_PLANE, Arrangement, Cells
 from scan2fea.kernel.surfaces import Surface
 from scan2fea.reconstruction.plane_growing import Planes
 from scan2fea.reconstruction.round_growing import Rounds
@@ -79,13 +80,14 @@ def cut_round(space: Arrangement, every: Shapes, number: int, cells: list[int], 
 
     Raises ReconstructionError beyond MOST_CELLS.
     """
-    rows, out, new = every.rows(number), list(group), dict[int, int]()
-    sense = every.rounds.surfaces[number].sense
+    rows, sense = every.rows(number), every.rounds.surfaces[number].sense
+    out, new = list(group), dict[int, int]()
     for c in cells:
-        if _misses(space, every, rows, sense, c):
+        sides = _sides_within(space, every, number, c)
+        if sides is None:
             continue
         before, within = space.n_cells, [c]
-        for row in rows:
+        for row in rows[sides]:
             front, behind = space.cut(int(row), within)
             within = behind if sense > 0 else front
             says = f"flat and round faces would cut space into more than {MOST_CELLS} pieces: they are no solid of such faces"
@@ -100,11 +102,40 @@ def cut_round(space: Arrangement, every: Shapes, number: int, cells: list[int], 
     return out
 
 
-def _misses(space: Arrangement, every: Shapes, rows: IntArray, sense: int, cell: int) -> bool:
-    """Does a cell lie before one side of the prism, whole?"""
+def _sides_within(space: Arrangement, every: Shapes, number: int, cell: int) -> IntArray | None:
+    """Which sides of a prism pass through a cell, in the order in which they cut it: none where it lies within whole. None: it lies without.
+
+    A plane goes on beyond its side, and would cut what lies without for nothing. Coarse to fine, few pieces reach far: those of the later sides
+    lie between the prism and the earlier ones, where few other cylinders pass.
+    """
+    rows, surface = every.rows(number), every.rounds.surfaces[number]
+    frame, near = surface.frame(), ON_PLANE * space.size
+    ways = surface.sense * every.planes.normal[rows] @ frame.T
+    apothem = surface.sense * (every.planes.offset[rows] - every.planes.normal[rows] @ surface.point)
     corners = np.array([space.vertices[v] for v in {v for f in space.facets[cell] for v in space.loops[f]}])
-    height = sense * (corners @ every.planes.normal[rows].T - every.planes.offset[rows])
-    return bool((height.min(axis=0) >= 0.0).any())
+    seen = (corners - surface.point) @ frame.T  # along the axis the prism is a polygon
+    height = seen @ ways.T - apothem
+    if (height.min(axis=0) >= -near).any():
+        return None
+    if (height <= near).all():
+        return np.zeros(0, np.int64)
+    after = np.roll(ways, -1, axis=0)
+    ends = (apothem / (1.0 + np.einsum("ij,ij->i", ways, after)))[:, None] * (ways + after)
+    sides = _crossing(np.roll(ends, 1, axis=0), ends, seen, near)
+    turn = sides + 1
+    return sides[np.argsort(-(turn & -turn), kind="stable")] if len(sides) else None  # by the highest power of two that divides their number
+
+
+def _crossing(start: FloatArray, end: FloatArray, corners: FloatArray, near: float) -> IntArray:
+    """Those of the segments from start to end, (n, 2) each, that pass within the hull of corners (m, 2), by more than `near`: Cyrus, Beck 1978."""
+    try:
+        hull = ConvexHull(corners).equations
+    except QhullError:  # thinner than figures tell: any may
+        return np.arange(len(start))
+    one, other = (ends @ hull[:, :2].T + hull[:, 2] + near for ends in (start, end))  # negative within
+    share = one / np.where(one == other, 1.0, one - other)
+    enters, leaves = np.where(one > 0.0, share, 0.0).max(axis=1), np.where(other > 0.0, share, 1.0).min(axis=1)
+    return np.flatnonzero((enters < leaves) & ((one < 0.0) | (other < 0.0)).all(axis=1))
 
 
 def hung_together(cells: Cells, group: IntArray) -> IntArray:

@@ -64,3 +64,20 @@ def test_sigma_follows_scale_and_ignores_motion_and_order():
 def test_too_few_points_tell_nothing():
     assert np.isnan(noise_sigma(np.zeros((10, 3))))
     assert np.isnan(noise_sigma(np.random.default_rng(0).random((1000, 3))))  # a full block has no surface
+
+
+def test_patches_without_noise_are_told_beside_edges_that_bend_the_others():
+    """A small cube, normals blended at its edges: a fifth of the patches are of one face alone, and those are flat to the last digits."""
+    rng = np.random.default_rng(0)
+    places = rng.uniform(-0.01, 0.01, (6, 100, 3))
+    for k in range(6):
+        places[k, :, k // 2] = 0.01 * (-1) ** k
+    points = places.reshape(-1, 3)
+    normals = points / np.linalg.norm(points, axis=1)[:, None]
+    everywhere = np.ones(len(points), bool)
+    blind = noise_sigma(points, normals)
+    assert blind > 1e-4
+    assert noise_sigma(points, normals, is_measured=everywhere) < 1e-12
+    assert noise_sigma(points, normals, is_measured=~everywhere) == blind  # points put on a plane say nothing of noise
+    noisy = points + 2e-5 * rng.standard_normal(points.shape)
+    assert noise_sigma(noisy, normals, is_measured=everywhere) == noise_sigma(noisy, normals)

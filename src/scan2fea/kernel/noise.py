@@ -10,7 +10,7 @@ from scipy.special import gammaincinv
 from scan2fea.kernel.near_tree import NearTree, near_tree
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.patch_noise import QUADRIC_TERMS, patch_noise
-from scan2fea.types import FloatArray, IntArray
+from scan2fea.types import BoolArray, FloatArray, IntArray
 
 SPACING_NEIGHBORS = 6  # reconstruction.md: h = median of the mean distance to 6 neighbours
 _SPACING_QUERIES = 20_000  # the median of 20,000 draws is within 1 % of the median of all where the spacing varies by a factor of 2
@@ -20,6 +20,7 @@ _SHEET_SHARE = 0.5  # of a patch must lie on the point's own sheet: less is a st
 _SAME_SIDE = 0.3  # cosine between normals of one side of a wall
 _FLAT = 0.3  # a neighbourhood tells noise from shape only if it is this much thinner than wide
 _THERE = 24  # neighbours that tell the noise of one place, to a sixth
+_EXACT_SHARE, _EXACT = 0.1, 1e-6  # of the patches about measured points, and of their width: noise leaves none so flat, edges bend all others
 
 
 def sampled_rows(n: int, at_most: int, seed: int) -> IntArray:
@@ -41,14 +42,20 @@ def spacing(points: FloatArray, seed: int = 0, tree: NearTree | None = None) -> 
 
 
 def noise_sigma(
-    points: FloatArray, normals: FloatArray | None = None, seed: int = 0, tree: NearTree | None = None, below_m: float = math.inf
+    points: FloatArray,
+    normals: FloatArray | None = None,
+    seed: int = 0,
+    tree: NearTree | None = None,
+    below_m: float = math.inf,
+    is_measured: BoolArray | None = None,
 ) -> float:
     """Standard deviation of the points across their surface, m; nan where the data cannot tell it from shape.
 
     points : (n, 3).   normals : (n, 3) oriented outward, or None. With them only neighbours on the same side of a wall are used
     (n_i.n_j > 0.3). Without them the sheet a point lies on is told from the other one by the gap between; walls thinner than about six
     sigma then read as noise.   tree : of the points, where one is there already.   below_m : whether it is below this is all that is asked: nan,
-    too, where smaller neighbourhoods already show more.
+    too, where smaller neighbourhoods already show more.   is_measured : (n,) or None, for which nothing is said of points without noise: what a
+    stage has put on an exact plane has none either.
 
     Each of a seeded draw of points gives the residual of a quadric z(x, y) over its neighbours (a plane would read curvature as
     noise). The scale is the 30 % quantile of these residuals, divided by what that quantile is for pure Gaussian noise (chi-square
@@ -65,6 +72,9 @@ def noise_sigma(
         good = used >= max(2 * QUADRIC_TERMS + 1, _SHEET_SHARE * k)
         if good.mean() < 0.5:
             continue
+        exact = good if is_measured is None else good & is_measured[rows]
+        if is_measured is not None and exact.any() and np.quantile(rms[exact], _EXACT_SHARE) <= _EXACT * float(np.median(width[exact])):
+            return float(np.quantile(rms[exact], _EXACT_SHARE))
         dof = used[good] - QUADRIC_TERMS
         scaled = rms[good] / np.sqrt(2.0 * gammaincinv(dof / 2.0, _QUANTILE) / dof)
         sigma = float(np.quantile(scaled, _QUANTILE))

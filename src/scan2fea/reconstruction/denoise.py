@@ -70,10 +70,10 @@ def first_normals(points: FloatArray, toward: FloatArray, spacing_m: float, fram
     for _ in range(3):
         near = near_lists(points, radius)
         normals = side_normals(near, toward)
-        sigma = noise_sigma(points, normals)
+        sigma = noise_sigma(points, normals, is_measured=None if frame is None else frame >= 0)
         if math.isfinite(sigma):
             normals = _settled(near, normals, toward, sigma, spacing_m, NOT_FLAT)
-            sigma = noise_sigma(points, normals)
+            sigma = noise_sigma(points, normals, is_measured=None if frame is None else frame >= 0)
         wider = min(4.0 * sigma, 6.0 * spacing_m) if math.isfinite(sigma) else 6.0 * spacing_m
         if wider <= 1.1 * radius:
             break

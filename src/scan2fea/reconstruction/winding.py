@@ -54,7 +54,7 @@ def fitted(points: FloatArray, outward: FloatArray, spacing_m: float, frame: Int
     radius, widest = FIT_RADIUS * spacing_m, WIDEST_FIT * spacing_m
     while True:
         normals = side_normals(near_lists(points, radius), outward)
-        sigma = noise_sigma(points, normals)
+        sigma = noise_sigma(points, normals, is_measured=None if frame is None else frame >= 0)
         wanted = FIT_OVER_NOISE * sigma if math.isfinite(sigma) else FIT_GROWTH * radius
         if min(wanted, widest) <= 1.1 * radius:
             break

@@ -72,9 +72,10 @@ def noise_sigma(
         good = used >= max(2 * QUADRIC_TERMS + 1, _SHEET_SHARE * k)
         if good.mean() < 0.5:
             continue
-        exact = good if is_measured is None else good & is_measured[rows]
-        if is_measured is not None and exact.any() and np.quantile(rms[exact], _EXACT_SHARE) <= _EXACT * float(np.median(width[exact])):
-            return float(np.quantile(rms[exact], _EXACT_SHARE))
+        own = good & is_measured[rows] if is_measured is not None else np.zeros(len(rows), bool)
+        flattest = float(np.quantile(rms[own], _EXACT_SHARE)) if own.any() else math.inf
+        if flattest <= _EXACT * float(np.median(width[good])):
+            return flattest
         dof = used[good] - QUADRIC_TERMS
         scaled = rms[good] / np.sqrt(2.0 * gammaincinv(dof / 2.0, _QUANTILE) / dof)
         sigma = float(np.quantile(scaled, _QUANTILE))

@@ -66,25 +66,27 @@ def unseen_volume(mesh: TriangleMesh, places: FloatArray, normals: FloatArray, r
     perimeter = np.bincount(patch[bare], (lengths * ~bare[twin]).sum(axis=1)[bare], len(size))
     hidden = size**2 / np.maximum(perimeter, np.sqrt(np.maximum(size, np.finfo(float).tiny)))
     whole = abs(volume(mesh))
+    tree = cKDTree(places)
     for k in np.flatnonzero(size * extent(mesh.vertices) > LEAST_BEHIND * whole):
-        hidden[k] = max(hidden[k], _beyond_mouth_m3(mesh, np.flatnonzero(bare & (patch == k)), places, normals, reach_m))
+        hidden[k] = max(hidden[k], _beyond_mouth_m3(mesh, np.flatnonzero(bare & (patch == k)), tree, normals, reach_m))
     return min(1.0, float(hidden.sum() / whole)), corners[bare].mean(axis=1)
 
 
-def _beyond_mouth_m3(mesh: TriangleMesh, own: IntArray, places: FloatArray, normals: FloatArray, reach_m: float) -> float:
+def _beyond_mouth_m3(mesh: TriangleMesh, own: IntArray, tree: cKDTree, normals: FloatArray, reach_m: float) -> float:
     """Volume between a patch and the other side of the part, where places beside it look at its middle from most sides; else 0.
 
-    own : rows of its faces.
+    own : rows of its faces.   tree, normals : of the places, (n, 3).
     """
-    areas, corners, ways = face_areas(mesh)[own], mesh.vertices[mesh.faces[own]], face_normals(mesh)[own]
+    piece = TriangleMesh(vertices=mesh.vertices, faces=mesh.faces[own])
+    areas, corners, ways = face_areas(piece), mesh.vertices[piece.faces], face_normals(piece)
     way = areas @ ways / areas.sum()
-    if not len(places) or np.linalg.norm(way) < ONE_WAY:
+    if np.linalg.norm(way) < ONE_WAY:
         return 0.0
     way /= np.linalg.norm(way)
-    near = cKDTree(places).query_ball_point(np.unique(corners.reshape(-1, 3), axis=0), reach_m)
+    near = tree.query_ball_point(np.unique(corners.reshape(-1, 3), axis=0), reach_m)
     rows = np.unique(np.concatenate([np.asarray(some, np.int64) for some in near]))
     axes = Plane(normal=way, offset=0.0).axes()
-    to = (areas @ corners.mean(axis=1) / areas.sum() - places[rows]) @ axes.T
+    to = (areas @ corners.mean(axis=1) / areas.sum() - tree.data[rows]) @ axes.T
     looks = np.einsum("ij,ij->i", normals[rows] @ axes.T, to) > LOOKS_IN * np.linalg.norm(to, axis=1)
     angle = np.arctan2(to[looks, 1], to[looks, 0])
     if len(np.unique(np.floor(angle / (2.0 * np.pi) * SECTORS))) < ROUND:

@@ -5,7 +5,7 @@ import pytest
 
 from estimation.made import made
 from scan2fea.estimation.explain import AGAIN
-from scan2fea.estimation.ray_voids import in_sheets, shot_through, told_by_rays
+from scan2fea.estimation.ray_voids import in_sheets, seen_through, shot_through, told_by_rays
 from scan2fea.types import PointCloud, Rays, Scan
 
 PLATE = made("rect", 1.0, {"b": 0.2, "t": 0.02})  # b along x, t along y, 1 m along z
@@ -46,6 +46,18 @@ def test_a_place_where_nobody_looked_is_no_hole():
     there, origin, way, _, measured, _ = aimed()
     looked = np.hypot(there[:, 0], there[:, 2] - 0.5) > 0.07
     assert shot_through(scan_of(origin, way[looked], measured[looked]), PLATE, 1e-3) == 0
+
+
+def test_a_wall_that_was_seen_through_is_none():
+    there, origin, way, _, measured, hit = aimed(noise=0.001)
+    assert seen_through(scan_of(origin, way, measured), PLATE) == ""
+    for width, is_open in ((0.15, True), (0.002, False)):  # of a slot along the plate, and what stands behind it
+        slot = hit & (np.abs(there[:, 0]) < width / 2)
+        assert bool(seen_through(scan_of(origin, way, np.where(slot, measured + 0.3, measured)), PLATE)) is is_open
+        assert seen_through(scan_of(origin, way, np.where(slot, measured - 0.3, measured)), PLATE) == ""  # before it: another body
+    behind = np.where(there[:, 0] > 0.1, 3.0, measured)  # past its edge
+    assert seen_through(scan_of(origin, way, behind), PLATE) == ""
+    assert seen_through(Scan(cloud=scan_of(origin, way, measured).cloud), PLATE) == ""
 
 
 def test_rings_far_apart_under_wide_noise_are_sheets():

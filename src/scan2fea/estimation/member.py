@@ -45,9 +45,10 @@ from scan2fea.estimation.from_outside import TUBE_OF, seen_from_outside, tube_of
 from scan2fea.estimation.given import Given, Told, compared, joint_p_value, told_by
 from scan2fea.estimation.holes import Covers
 from scan2fea.estimation.mirrored import told_toes
+from scan2fea.estimation.open_faces import open_face
 from scan2fea.estimation.prismatic import is_prismatic
 from scan2fea.estimation.ray_noise import freed_of_ray_noise
-from scan2fea.estimation.ray_voids import in_sheets
+from scan2fea.estimation.ray_voids import in_sheets, seen_through
 from scan2fea.estimation.reach import end_rows, reach
 from scan2fea.estimation.rim import BAR_OF, hollow, is_unsure, with_rim
 from scan2fea.estimation.swept import Sweep, sweep_of
@@ -155,6 +156,9 @@ def fit_member(
         found = dataclasses.replace(found, member=_after_ray_noise(scan, points, found, options.seed))
     member = dataclasses.replace(found.member, inside=inside_of(points, found.member), told_toes=told_toes(points, found.member))
     more = ends_show_more(points, member) if found.explains else ""
+    if found.explains and not more and not inside:
+        has_rays = scan.rays is not None and bool((scan.cloud.ray >= 0).any())
+        more = seen_through(scan, member, options.seed) if has_rays else open_face(points, member, covers)
     return dataclasses.replace(found, member=member, explains=found.explains and not more, reason=more or found.reason)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from scan2fea.estimation.explain import AGAIN, ByRays
+from scan2fea.estimation.explain import AGAIN, MAX_CROWD, TOLERANCE, ByRays
 from scan2fea.estimation.holes import VOID_CELLS, VOID_POINTS, on_faces
 from scan2fea.estimation.outline import outline_distance
 from scan2fea.estimation.solid import swept
@@ -17,14 +17,16 @@ from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.normals import normals_at
 from scan2fea.kernel.rays import first_hits, scene_of
-from scan2fea.kernel.sections import section
-from scan2fea.types import BoolArray, FloatArray, Member, Scan
+from scan2fea.kernel.sections import ROUND, section
+from scan2fea.types import BoolArray, FloatArray, Member, Scan, Section
 
 _NEIGHBOURS = 12
 _POINTS = 2_000
 _EDGE_ON = 0.26  # |cosine| of ray and normal: 75 degrees, where hardly a ray comes back from a surface
 _REACH = 6.0  # sigma beyond which a return is not of the member
 _A_CELL = 6.0  # rays aimed at a cell, on average
+_SIGMAS = 4.0  # and mill tolerance: what lies no deeper than that may be on the face, and what passes no farther from a corner beside it
+_ASKED = 20_000  # rays
 
 
 def in_sheets(scan: Scan, seed: int = 0) -> bool:
@@ -54,6 +56,43 @@ def shot_through(scan: Scan, member: Member, sigma_m: float) -> int:
     shape, length = section(member.family, member.values()), member.values()["length"]
     _, edge, along = outline_distance(shape, at[:, :2])
     return sum(_holes(s, at[rows, 2], passed[rows], width, length) for _, rows, s, width in on_faces(shape, edge, along))
+
+
+def seen_through(scan: Scan, member: Member, seed: int = 0) -> str:
+    """Why rays deny the member: more points than may be a second body lie behind a wall of it, as seen from the sensor; "" where not or not known.
+
+    An open section whose lips were seen looks like a tube whose wall is bare between them: what was measured within was measured through that wall.
+    """
+    known = np.flatnonzero(scan.cloud.ray >= 0)
+    if scan.rays is None or len(known) == 0:
+        return ""
+    rows = scan.cloud.ray[known[sampled_rows(len(known), _ASKED, seed)]]
+    origin, way, reach = scan.rays.origin[rows], scan.rays.direction[rows], scan.rays.range_m[rows]
+    solid, shape = swept(member), section(member.family, member.values())
+    entry, face = first_hits(scene_of(solid), origin, way)
+    corners = solid.vertices[solid.faces[face]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    across = np.abs(np.einsum("ni,ni->n", normal, way)) / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
+    off = _SIGMAS * member.sigma_m + TOLERANCE * float(np.linalg.norm(np.ptp(np.concatenate(shape.loops), axis=0)))
+    behind = np.flatnonzero(np.isfinite(entry))
+    behind = behind[(reach - entry)[behind] * across[behind] > off]
+    at = sweep_of_member(member).coordinates(origin[behind] + entry[behind, None] * way[behind])
+    along = np.minimum(at[:, 2], member.values()["length"] - at[:, 2])
+    clear = (along > off) & (_from_corners(shape, member.family, at[:, :2]) > off)
+    share = float(clear.sum()) / len(rows)
+    if share <= MAX_CROWD:
+        return ""
+    return (
+        f"{share:.0%} of the points (limit {MAX_CROWD:.0%}) lie behind a wall of the {member.family} member, as seen from where they were measured: "
+        "there is no wall where their rays passed"
+    )
+
+
+def _from_corners(shape: Section, family: str, xy: FloatArray) -> FloatArray:
+    """(n,) distance of places (n, 2) in the section to its nearest corner, m; a circle has none."""
+    if family in ROUND:
+        return np.full(len(xy), np.inf)
+    return np.asarray(np.linalg.norm(xy[:, None] - np.concatenate(shape.loops)[None], axis=2).min(axis=1))
 
 
 def told_by_rays(scan: Scan, member: Member, sigma_m: float, seed: int = 0, *, misses_known: bool = True) -> ByRays:

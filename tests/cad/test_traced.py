@@ -276,6 +276,22 @@ def test_a_tube_gets_faces_that_go_all_the_way_round():
     assert volume_of(found.solid) == pytest.approx(np.pi * (144 - 81) * 30, rel=1e-9)
 
 
+@pytest.mark.parametrize("turn", [4, 10])
+def test_halves_of_a_shaft_with_a_keyway_are_one_face_whichever_way_it_stands(turn):
+    with drawing() as occ:
+        occ.cut([(3, occ.addCylinder(0, 0, 0, 0, 0, 20, 12))], [(3, occ.addBox(8, -3, -1, 20, 6, 40))])
+        mesh = triangles(2.0)
+    at = [((0, 0, 0), (0, 0, -1)), ((0, 0, 20), (0, 0, 1)), ((8, 0, 0), (1, 0, 0)), ((0, 3, 0), (0, -1, 0)), ((0, -3, 0), (0, 1, 0))]
+    sides = [Surface(kind=CYLINDER, point=np.zeros(3), axis=np.array([0.0, 0.0, 1.0]), radius=12.0), *(plane(*p) for p in at)]
+    label = np.argmin([np.abs(s.distance(mesh.vertices))[mesh.faces].max(1) for s in sides], axis=0)
+    R = rotation(turn)
+    moved = [dataclasses.replace(s, point=R @ s.point, axis=R @ s.axis) for s in sides]
+    turned = TriangleMesh(vertices=mesh.vertices @ R.T, faces=mesh.faces)
+    found = traced_solid(turned, label, moved, small([5, 3, 3, 3, 3, 3]), 0.1, 2.0).solid
+    assert is_valid(found)
+    assert len(faces_of(found)) == 6
+
+
 def test_half_balls_that_a_cylinder_passes_into_are_cut_so_that_no_pole_lies_on_their_border():
     ball = sphere(20.0, 4)
     up = np.array([[0.0, 0.0, 30.0]])
@@ -359,3 +375,23 @@ def test_a_patch_that_noise_left_inside_another_is_of_that_one():
     assert found.solid is not None and is_valid(found.solid)
     assert len(faces_of(found.solid)) == 6
     assert volume_of(found.solid) == pytest.approx(6000.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("seam", [0, 1])
+def test_a_patch_that_noise_left_between_the_halves_of_another_is_of_that_one(seam):
+    with drawing() as occ:
+        occ.addCylinder(0, 0, 0, 0, 0, 30, 12)
+        mesh = triangles(2.0)
+    up = np.array([0.0, 0.0, 1.0])
+    sides = [Surface(kind=CYLINDER, point=np.zeros(3), axis=up, radius=12.0), plane((0, 0, 0), -up), plane((0, 0, 30), up)]
+    label = np.argmin([np.abs(s.distance(mesh.vertices))[mesh.faces].max(1) for s in sides], axis=0)
+    ((_, square),) = network_of(mesh, label, sides).cuts.values()
+    out = np.cross(square, up) * (1 - 2 * seam)
+    at = 12 * out + 15 * up
+    label[np.argsort(np.linalg.norm(mesh.vertices[mesh.faces].mean(1) - at, axis=1))[: 3 * LEAST_FACES]] = 3
+    sides.append(plane(at, out + 0.1 * up))  # runs to and fro along the line in which it touches
+    borders = network_of(mesh, label, sides)
+    assert sum(3 in borders.surface[[c.left, c.right]] for c in borders.chains) == 2
+    found = traced_solid(mesh, label, sides, small([5, 3, 3, 3]), 0.3, 2.0, bridged=True).solid
+    assert is_valid(found)
+    assert len(faces_of(found)) == 3

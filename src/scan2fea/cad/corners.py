@@ -21,7 +21,7 @@ LONGEST_STEP = 2.0  # mm
 SHORT = 3.0  # spacings: corners that a chain no longer than this joins may be one
 MOVES = 1.5  # spacings, and no farther from the middle of that chain
 EVENED = 4  # rounds
-COLLAPSED = 0.2  # of its length: a border whose edge is shorter has none
+COLLAPSED = 0.2  # times as wide as its border: what edges enclose less of is nothing
 LEAST_POINTS, MOST_POINTS = 6, 200  # along an edge
 
 _Tie = tuple[Surface, Surface, FloatArray]  # two surfaces that touch, and the way across the line of touch
@@ -211,15 +211,28 @@ class Meeting:
         return out
 
     def islands(self, edges: Mapping[int, Edge]) -> dict[int, int]:
-        """Regions inside one other whose surfaces do not meet round them: the other's surface, by the region. Noise left them there."""
-        out, own = {}, self.network.surface
+        """Disks whose surfaces enclose nothing where they meet those beside: what noise left there. By the region, the surface that it has the
+        longest border with.
+        """
+        own, out, at = self.network.surface, {}, self.mesh.vertices
         size = np.bincount(self.network.label, minlength=len(own))
-        for number, edge in edges.items():
-            found = self.network.chains[number]
-            if edge.first == edge.last and length_of(edge.points) < COLLAPSED * length_of(self.mesh.vertices[found.vertices]):
-                small, large = sorted((found.left, found.right), key=lambda k: size[k])
-                if own[small] >= 0 and own[large] >= 0:
-                    out[small] = int(own[large])
+        borders: dict[int, list[int]] = {}
+        for number, found in enumerate(self.network.chains):
+            for region in (found.left, found.right):
+                borders.setdefault(region, []).append(number)
+        for region, numbers in borders.items():
+            chains = [self.network.chains[k] for k in numbers]
+            beside = [c.right if c.left == region else c.left for c in chains]
+            around = own[beside]
+            if min(around) < 0 or own[region] < 0 or own[region] in around or size[region] >= size[np.unique(beside)].sum():
+                continue
+            used = np.unique(self.mesh.faces[self.network.label == region])
+            is_disk = 2 * len(used) - size[region] - sum(len(c.vertices) - 1 for c in chains) == 2  # Euler
+            way = [1 if c.left == region else -1 for c in chains]
+            made = [(sign, edges[k].points) for sign, k in zip(way, numbers, strict=True) if k in edges]
+            asked = [(sign, at[c.vertices]) for sign, c in zip(way, chains, strict=True)]
+            if is_disk and _enclosed(made) < COLLAPSED**2 * _enclosed(asked):
+                out[region] = int(np.bincount(around, weights=[length_of(line) for _, line in asked]).argmax())
         return out
 
     def edges(self) -> Mapping[int, Edge]:
@@ -255,6 +268,11 @@ class Meeting:
             out.append(met(line[k], surfaces, [tie] if tie is not None else [], planes, ROUNDS_ON_EDGE))
         out = _forward([*out, Corner(at=ends[1], off=0.0)])
         return Edge(chain=number, first=first, last=last, points=np.array([p.at for p in out]), off=max(p.off for p in out))
+
+
+def _enclosed(loop: Sequence[tuple[int, FloatArray]]) -> float:
+    """The area that lines, (n, 3) each, enclose, with 1 or -1 for the way that each is run: nothing where they run to and fro."""
+    return float(np.linalg.norm(sum(sign * np.cross(line[:-1], line[1:]).sum(0) for sign, line in loop))) / 2
 
 
 def _forward(places: Sequence[Corner]) -> list[Corner]:

@@ -208,16 +208,22 @@ def unified(shape: Any, *, balls: bool = True) -> Any:
     from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain
     from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE
 
-    copied = BRepBuilderAPI_Copy(shape).Shape()
-    merger = ShapeUpgrade_UnifySameDomain(copied, True, True, False)
-    for face in () if balls else parts(copied, TopAbs_FACE):
-        for edge in parts(face, TopAbs_EDGE) if surface_of(face).kind == SPHERE else ():
-            merger.KeepShape(edge)
-    try:
-        merger.Build()
-    except Exception:  # noqa: BLE001 - Open Cascade raises types of its own; the pieces stay, as good a solid
-        return shape
-    return merger.Shape()
+    before, n = shape, len(parts(shape, TopAbs_FACE))
+    while True:  # once can leave halves (a shaft with a keyway: 3 of 12 ways that it may stand), which the next time joins
+        copied = BRepBuilderAPI_Copy(before).Shape()
+        merger = ShapeUpgrade_UnifySameDomain(copied, True, True, False)
+        for face in () if balls else parts(copied, TopAbs_FACE):
+            for edge in parts(face, TopAbs_EDGE) if surface_of(face).kind == SPHERE else ():
+                merger.KeepShape(edge)
+        try:
+            merger.Build()
+        except Exception:  # noqa: BLE001 - Open Cascade raises types of its own; the pieces stay, as good a solid
+            return before
+        before = merger.Shape()
+        n_left = len(parts(before, TopAbs_FACE))
+        if n_left >= n:
+            return before
+        n = n_left
 
 
 def silence() -> None:

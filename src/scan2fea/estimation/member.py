@@ -44,6 +44,7 @@ from scan2fea.estimation.fit import MIN_POINTS, SectionFit
 from scan2fea.estimation.from_outside import TUBE_OF, seen_from_outside, tube_of
 from scan2fea.estimation.given import Given, Told, compared, joint_p_value, told_by
 from scan2fea.estimation.holes import Covers
+from scan2fea.estimation.lacking import lacking
 from scan2fea.estimation.mirrored import told_toes
 from scan2fea.estimation.open_faces import open_face
 from scan2fea.estimation.prismatic import is_prismatic
@@ -159,6 +160,8 @@ def fit_member(
     if found.explains and not more and not inside:
         has_rays = scan.rays is not None and bool((scan.cloud.ray >= 0).any())
         more = seen_through(scan, member, options.seed) if has_rays else open_face(points, member, covers)
+    if found.explains and not more and not fixed and member.change is None:
+        more = lacking(points, member, options.seed)
     return dataclasses.replace(found, member=member, explains=found.explains and not more, reason=more or found.reason)
 
 

@@ -9,6 +9,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from predicates import topped
+from scan2fea.cad import extruded
 from scan2fea.cad.extruded import EXTRUDED, Extruded, with_extruded
 from scan2fea.cad.live import is_valid
 from scan2fea.cad.readback import volume_of
@@ -73,6 +74,16 @@ def test_planes_that_hold_their_points_are_no_curve():
     named, more = with_extruded(mesh, label, surfaces, top, 0.17, 1.0)
     assert len(more) == len(surfaces)
     assert (named == label).all()
+
+
+def test_where_a_curve_asks_for_more_than_the_pieces_the_next_is_tried(monkeypatch):
+    mesh, label, surfaces, is_top = strips(0.05, wave, np.linspace(0, 40, 11))
+    asked = []
+    monkeypatch.setattr(extruded, "_axes", lambda *_: [np.array([0.0, 1.0, 0.0])] * 2)
+    monkeypatch.setattr(extruded, "_is_simpler", lambda *a: asked.append(a[3][-1]) or len(asked) > 1)
+    _, found = with_extruded(mesh, label, surfaces, is_top, 0.17, 1.0)
+    assert len(asked) == 2
+    assert found[-1] is asked[1]
 
 
 def test_an_edge_along_a_curl_has_points_on_each_span():

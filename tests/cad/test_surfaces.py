@@ -129,3 +129,17 @@ def test_a_direction_that_nothing_tells_stays(axis):
     found, _ = snapped([wall, strip])
     assert all(np.isfinite(f.surface.axis).all() for f in found)
     assert abs(abs(found[1].surface.axis @ found[0].surface.axis) - abs(axis @ X)) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("leans_deg", "known_deg", "is_square"), [(2.4, 2.0, True), (3.5, 2.0, True), (4.6, 2.0, False), (3.5, 0.8, False), (5.2, 9.0, False)]
+)
+def test_a_narrow_side_may_lean_by_what_it_is_not_known_to(leans_deg, known_deg, is_square):
+    rng = np.random.default_rng(0)
+    points = np.c_[rng.uniform(-0.1, 0.1, (2000, 2)), 3e-4 * rng.standard_normal(2000)]
+    wide = fit_to_points(Surface(kind=PLANE, point=points.mean(0), axis=Z), points, 0.2)
+    lean, known = np.radians([leans_deg, known_deg])
+    side = Surface(kind=PLANE, point=np.array([0.1, 0.0, 0.0]), axis=np.array([np.cos(lean), 0.0, np.sin(lean)]))
+    narrow = replace(wide, surface=side, covariance=np.diag([1e-10, known**2, known**2]))
+    found, _ = snapped([wide, narrow])
+    assert (abs(found[1].surface.axis @ found[0].surface.axis) < 1e-9) == is_square

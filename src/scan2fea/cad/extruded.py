@@ -7,7 +7,7 @@ n log(variance) + k log(n); points are led to their feet on it and fitted again 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -115,15 +115,17 @@ def with_extruded(
     left = _pieces(near, wall)
     while left:
         rows = left.pop()
-        found = _found(near, rows, label, out, tolerance, spacing)
-        given = label if found is None else _given(near, label, *found, len(out), tolerance)
-        if found is not None and _is_simpler(near, label, given, [*out, found[2]], tolerance):
+        for loose, core, found in _found(near, rows, label, out, tolerance, spacing):
+            given = _given(near, label, loose, core, found, len(out), tolerance)
+            if not _is_simpler(near, label, given, [*out, found], tolerance):
+                continue
             label = given
             rest = np.zeros(len(label), bool)
             rest[rows] = label[rows] != len(out)
             least = LEAST_REST * near.areas[rows].sum()
-            left += [found for found in _pieces(near, rest) if near.areas[found].sum() > least]
-            out.append(found[2])
+            left += [piece for piece in _pieces(near, rest) if near.areas[piece].sum() > least]
+            out.append(found)
+            break
     return label, out
 
 
@@ -149,10 +151,10 @@ def _is_simpler(near: Near, before: IntArray, after: IntArray, surfaces: Sequenc
 
 def _found(
     near: Near, rows: IntArray, label: IntArray, surfaces: Sequence[Surface], tolerance: float, spacing: float
-) -> tuple[IntArray, IntArray, Extruded] | None:
-    """The faces of a wall, those that a curve along an axis is begun with, and the surface.
+) -> Iterator[tuple[IntArray, IntArray, Extruded]]:
+    """The faces of a wall, those that a curve along an axis is begun with, and the surface, one after another that holds.
 
-    Tried are the wall with all small patches beside it, then with those that it passes into without an angle, then alone; the first that holds.
+    Tried are the wall with all small patches beside it, then with those that it passes into without an angle, then alone.
     """
     for wider in (_with_small(near, label, rows, -1.0), _with_small(near, label, rows, SMOOTH), rows):
         loose = _off_large(near, wider, label, surfaces, tolerance)
@@ -161,8 +163,7 @@ def _found(
             core = _core(near, loose[label[loose] < n_given], axis, tolerance)
             made = _through(near, core, axis, tolerance, spacing)
             if made is not None:
-                return loose, core, made
-    return None
+                yield loose, core, made
 
 
 def _pieces(near: Near, inside: BoolArray) -> list[IntArray]:

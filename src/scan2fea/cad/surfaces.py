@@ -258,15 +258,22 @@ def _together(
     return axes, np.array([e.T @ covariance[2 * g : 2 * g + 2, 2 * g : 2 * g + 2] @ e for g, e in enumerate(frame)]).reshape(-1, 3, 3)
 
 
+def _candidate(variance: float) -> float:
+    """By how much an angle of that variance may be off to be asked: one standard deviation more, and no more than twice, since what is known to no
+    better may as well have been drawn askew.
+    """
+    return CANDIDATE_RAD + min(float(np.sqrt(max(variance, 0.0))), CANDIDATE_RAD)
+
+
 def _is_parallel(out: list[Fit], k: int, other: int, axis: FloatArray, snaps: list[Snap]) -> bool:
     fit = out[k]
     sign = 1.0 if fit.surface.axis @ axis > 0 else -1.0
     off = fit.surface.frame() @ (sign * axis - fit.surface.axis)
     angle = float(np.linalg.norm(off))
-    if angle > CANDIDATE_RAD:
-        return False
     turned = fit.surface.frame() @ out[other].surface.frame().T
     total = fit.tilt + turned @ out[other].tilt @ turned.T
+    if angle > _candidate(float(off @ total @ off) / max(angle**2, 1e-300)):
+        return False
     p = _p_value(float(off @ np.linalg.solve(total, off)), 2)
     snaps.append(Snap(relation="parallel", first=other, second=k, off=angle, p_value=p, applied=p >= ALPHA))
     return p >= ALPHA
@@ -280,12 +287,12 @@ def _squared(
     axis, held = fit.surface.axis, []  # type: tuple[FloatArray, list[int]]
     for g, members in enumerate(groups):
         sine = float(axis @ axes[g])
-        if abs(sine) > np.sin(CANDIDATE_RAD) or len(held) == 2:
-            continue
         across = fit.surface.frame() @ axes[g]
         other = out[members[0]]
         back = other.surface.frame() @ axis
         variance = float(across @ fit.tilt @ across + back @ other.tilt @ back)
+        if abs(sine) > np.sin(_candidate(variance)) or len(held) == 2:
+            continue
         p = _p_value(sine**2 / max(variance, 1e-300), 1)
         snaps.append(Snap(relation="orthogonal", first=members[0], second=k, off=abs(sine), p_value=p, applied=p >= ALPHA))
         if p >= ALPHA and all(abs(axes[g] @ axes[h]) < 1e-9 for h in held):

@@ -21,7 +21,7 @@ from scan2fea.reconstruction.round_cuts import cut_round, facets, hung_together,
 from scan2fea.reconstruction.round_gaps import between
 from scan2fea.reconstruction.round_growing import Rounds, grow_rounds
 from scan2fea.reconstruction.rounds import on_rounds
-from scan2fea.reconstruction.shapes_found import Faces, flat_faces, joined_faces, planes_beside, round_faces, rounds_of
+from scan2fea.reconstruction.shapes_found import Faces, _is_flat, flat_faces, joined_faces, planes_beside, round_faces, rounds_of
 from scan2fea.remeshing.exact import SHARP_DEG
 from scan2fea.simulation.polyhedra import drilled, meshed, prism, raised
 from scan2fea.simulation.shapes import bracket, chs, circle
@@ -192,6 +192,31 @@ def test_faces_are_found_once_cylinders_and_the_planes_beside_them():
     plate = scanned(moved(box((0.1, 0.08, 0.02)), POSE, np.zeros(3)), 0.005, seed=7)[0]
     first = visibility(plate)
     assert round_faces(plate.cloud.points, first, rounds_of(plate.cloud.points, first)) is None
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_normals_blended_along_an_edge_are_no_cylinder_where_planes_explain_its_points(seed):
+    """Ends of legs three and a half spacings wide, without noise: cylinders of 16 and 10 mm took them, and the exact solid was refused."""
+    small = bracket(0.05, 0.05, 0.012, 0.05, [("b", 0.0325, 0.025, 0.008)], FINE)
+    scan, _, _ = scanned(small, 0.0035, seed=seed)
+    points, first = scan.cloud.points, visibility(scan)
+    assert len(rounds_of(points, first)) == 2
+    found = rounds_of(points, first, flat_faces(points, first))
+    assert [s.radius for s in found.surfaces] == pytest.approx([0.008], rel=1e-3)
+
+
+@pytest.mark.parametrize("sigma_m", [0.0, 1e-4])
+def test_a_quarter_of_a_cylinder_is_no_planes_and_three_planes_are_no_cylinder(sigma_m):
+    """All points lie within reach of both: what they lie on more closely, given its terms, is what they are of."""
+    surface, rng = _cylinder(), np.random.default_rng(3)
+    angle, noise = rng.uniform(0, np.pi / 2, 400), sigma_m * rng.normal(size=(400, 1))
+    on_round, normals = _on(surface, angle, rng.uniform(-0.03, 0.03, 400))
+    side = _on(surface, np.radians([15, 45, 75]), np.zeros(3))[1]
+    flat = Planes(normal=side, offset=side @ surface.point + 0.0197, label=np.zeros(400, np.int64), std_m=np.ones(3))
+    own = side[(angle // (np.pi / 6)).astype(int)]
+    on_flat = on_round - (np.einsum("ij,ij->i", on_round - surface.point, own) - 0.0197)[:, None] * own
+    assert not _is_flat(on_round + noise * normals, surface, flat, 0.02, sigma_m)
+    assert _is_flat(on_flat + noise * own, surface, flat, 0.02, sigma_m)
 
 
 def _tray(a=0.2, b=0.14, h=0.1, t=0.009, r=0.02):

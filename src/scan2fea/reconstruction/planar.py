@@ -146,10 +146,11 @@ def served(
     refused: list[Reconstruction] = []
     best: Reconstruction | None = None
     points = scan.cloud.points
-    rounds = cache(lambda: rounds_of(points, first))
+    of_planes = cache(lambda: flat_faces(points, first, grown))
+    rounds = cache(lambda: rounds_of(points, first, _or_none(of_planes)))
     finders: tuple[tuple[bool, Callable[[], Faces | None]], ...]  # is it asked where planes alone serve?
     finders = (
-        (True, lambda: flat_faces(points, first, grown)),
+        (True, of_planes),
         (True, lambda: outlined_faces(points, first, grown)),
         (False, lambda: outlined_round_faces(points, first, rounds())),
         (False, lambda: round_faces(points, first, rounds())),
@@ -182,6 +183,13 @@ def served(
             differs = DIFFER in names and names <= MISLABELLED
             why = "; ".join(check.name for check in against)
     return (replace(first, how={**first.how, "not_planar": why}) if best is None else best), tuple(refused)
+
+
+def _or_none(find: Callable[[], Faces]) -> Faces | None:
+    try:
+        return find()
+    except ReconstructionError:
+        return None
 
 
 def _n_faces(flat: Reconstruction) -> int:

@@ -22,6 +22,9 @@ from scan2fea.reconstruction.visibility import Reconstruction
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 
 EXPLAINED = 0.8  # of a cylinder's points lie on planes or larger cylinders: normals blended along an edge turn as round ones do
+MEETING = 3  # planes that may be one cylinder with blended normals: those of an edge, or of a corner
+EXACTLY_ON = 1e-9  # spacings: what counts as no distance at all
+CYLINDER_TERMS, PLANE_TERMS = 5, 3
 FACES_OFF = 0.5  # spacings that faces of a first surface lie off the cylinder they are of, besides the noise: chords between points
 FACES_LEAN = 0.3  # cosine
 LEAST_PLANES = 3  # of a solid, but for its rims
@@ -134,10 +137,16 @@ def _beside_rounds(points: FloatArray, first: Reconstruction, rounds: Rounds, be
     return None if planes is None else Faces(planes=planes, rounds=kept)
 
 
-def rounds_of(points: FloatArray, first: Reconstruction) -> Rounds:
-    """Cylinders through the points, those too that planes explain as well; none where none is found. points : (n, 3) raw, in the rows of `first`."""
+def rounds_of(points: FloatArray, first: Reconstruction, flat: Faces | None = None) -> Rounds:
+    """Cylinders through the points, those too that planes explain as well; none where none is found. points : (n, 3) raw, in the rows of `first`.
+
+    flat : as `flat_faces` finds them, where it does.
+    """
     h, sigma = first.spacing_m, first.sigma_m
     grown = grow_rounds(points, first.normals, h, sigma)
+    if flat is not None:
+        is_flat = [_is_flat(points[grown.label == k], surface, flat.planes, h, sigma) for k, surface in enumerate(grown.surfaces)]
+        grown = _of(grown, np.flatnonzero(~np.array(is_flat, bool)).tolist())
     rest = grown.label < 0
     try:
         planes = grow_planes(points[rest], first.normals[rest], h, sigma)
@@ -157,6 +166,22 @@ def rounds_of(points: FloatArray, first: Reconstruction) -> Rounds:
     number[kept] = np.arange(len(kept))
     std = np.array([radius_std(found[k], points[label == k], sigma) for k in kept])
     return Rounds(surfaces=tuple(found[k] for k in kept), label=number[label], std_m=std)
+
+
+def _is_flat(own: FloatArray, surface: Surface, flat: Planes, spacing_m: float, sigma_m: float) -> bool:
+    """Do planes that meet explain the points (n, 3) of a cylinder better than this does, with what they have more terms (Schwarz 1978)?
+
+    Normals that are blended along an edge suggest a cylinder that grows over a face as small as they reach.
+    """
+    off = np.abs(own @ flat.normal.T - flat.offset)
+    most = np.argsort(-np.sum(off <= tolerance_m(spacing_m, sigma_m), axis=0), kind="stable")[:MEETING]
+    off = off[:, most].min(axis=1, initial=np.inf)
+    on = off <= tolerance_m(spacing_m, sigma_m)
+    if np.mean(on) <= EXPLAINED:
+        return False
+    planar, rounded = (max(float(np.sqrt(np.mean(d[on] ** 2))), EXACTLY_ON * spacing_m) for d in (off, surface.distance(own)))
+    n = int(on.sum())
+    return bool(n * np.log(rounded / planar) > 0.5 * (len(most) * PLANE_TERMS - CYLINDER_TERMS) * np.log(n))
 
 
 def _largest_first(rounds: Rounds) -> Rounds:

@@ -205,6 +205,16 @@ def test_normals_blended_along_an_edge_are_no_cylinder_where_planes_explain_its_
     assert [s.radius for s in found.surfaces] == pytest.approx([0.008], rel=1e-3)
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_plate_with_narrow_sides_and_no_noise_is_exact(seed):
+    """Two planes are wide, and tell no direction of the sides, whose faces of a first surface lean: what most points lie on exactly tells."""
+    plate = prism([(0, 0), (0.1, 0), (0.1, 0.07), (0, 0.07)], 0.0068, [np.array([0.03, 0.03]) + circle(0.0059, FINE)[::-1]])
+    mesh = moved(meshed(plate), POSE, np.zeros(3))
+    found = reconstruct(scan_of(scanned(mesh, 0.0028, seed=seed)[0].cloud.points))
+    assert (found.how["n_planes"], found.how["n_cylinders"], surface_topology(found.mesh).n_handles) == (6, 1, 1)
+    assert not failed(found.checks) and volume(found.mesh) == pytest.approx(volume(mesh), rel=1e-4)
+
+
 @pytest.mark.parametrize("sigma_m", [0.0, 1e-4])
 def test_a_quarter_of_a_cylinder_is_no_planes_and_three_planes_are_no_cylinder(sigma_m):
     """All points lie within reach of both: what they lie on more closely, given its terms, is what they are of."""

@@ -23,11 +23,11 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 
 EXPLAINED = 0.8  # of a cylinder's points lie on planes or larger cylinders: normals blended along an edge turn as round ones do
 MEETING = 3  # planes that may be one cylinder with blended normals: those of an edge, or of a corner
-EXACTLY_ON = 1e-9  # spacings: what counts as no distance at all
+DIGITS = 1e-9  # spacings: what counts as no distance at all
 CYLINDER_TERMS, PLANE_TERMS = 5, 3
 FACES_OFF = 0.5  # spacings that faces of a first surface lie off the cylinder they are of, besides the noise: chords between points
 FACES_LEAN = 0.3  # cosine
-LEAST_PLANES = 3  # of a solid, but for its rims
+LEAST_PLANES = 2  # of a solid, but for its rims: of a plate
 NARROW = 4.0  # times how far points may lie off their plane: of a narrower face half lies within reach of those beside it
 FILLED, SMALL = 0.5, 0.1  # of the strip that points of a plane spread over; of the points of the largest plane
 TAIL = 2.0  # times how far points may lie off their cylinder: so far the noise still throws one of thousands
@@ -179,7 +179,7 @@ def _is_flat(own: FloatArray, surface: Surface, flat: Planes, spacing_m: float, 
     on = off <= tolerance_m(spacing_m, sigma_m)
     if np.mean(on) <= EXPLAINED:
         return False
-    planar, rounded = (max(float(np.sqrt(np.mean(d[on] ** 2))), EXACTLY_ON * spacing_m) for d in (off, surface.distance(own)))
+    planar, rounded = (max(float(np.sqrt(np.mean(d[on] ** 2))), DIGITS * spacing_m) for d in (off, surface.distance(own)))
     n = int(on.sum())
     return bool(n * np.log(rounded / planar) > 0.5 * (len(most) * PLANE_TERMS - CYLINDER_TERMS) * np.log(n))
 

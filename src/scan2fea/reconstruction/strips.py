@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.jit import jit
 from scan2fea.kernel.measures import face_areas, face_normals
-from scan2fea.kernel.primitives import Plane
+from scan2fea.kernel.primitives import Plane, fit_plane
 from scan2fea.reconstruction.plane_growing import LEAST_POINTS as LEAST_GROWN
 from scan2fea.reconstruction.plane_growing import SPACINGS, Planes, interleaved, robust_plane, tolerance_m
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
@@ -34,6 +34,7 @@ EXACTLY = 1.0 - 1e-9  # cosine with a direction that was taken over
 BACKED = 0.25  # points of a strip per square spacing of it, at least
 MOST = 60
 EXACT = 1e-12  # spacings: what rounding leaves of an exact offset
+EXACTLY_ON, TRIPLES = 1e-6, 200  # spacings that exact points lie off their plane; of a strip an eighth are of its own plane alone
 QUIET = 0.01  # spacings: below, the rim is where its exact points are
 WINDOW = 3.0  # spacings inwards from a rim that are looked at
 MIX_ROUNDS = 8
@@ -311,12 +312,27 @@ def _placed(points: FloatArray, rows: IntArray, left: _Left, own: BoolArray, way
         fitted = robust_plane(points[rows[near_free]], way)
         if float(fitted.normal @ way) >= LEANS:
             choices.append(fitted)
+    if sigma_m < QUIET * spacing_m:  # what most lie on exactly, however far the faces lean
+        exact = _exact_plane(points[rows], way, EXACTLY_ON * spacing_m + 3.0 * sigma_m)
+        choices += [] if exact is None else [exact]
     held = [int((np.abs(c.distance(points[rows])) <= off).sum()) for c in choices]
     best = int(np.argmax(held))
     if held[0] >= 0.8 * held[best]:  # a direction that other planes share needs no more evidence than another
         best = 0
     wanted = BACKED * float(left.area[own].sum()) / spacing_m**2
     return choices[best] if held[best] >= max(LEAST_POINTS, wanted) else None
+
+
+def _exact_plane(points: FloatArray, way: FloatArray, off: float) -> Plane | None:
+    """The plane that looks along `way` and holds most of (n, 3) points within `off`, of those through three of them; None where four are not held."""
+    corner = points[np.random.default_rng(0).integers(len(points), size=(TRIPLES, 3))]
+    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
+    normal *= np.where(normal @ way < 0, -1.0, 1.0)[:, None]
+    on = np.abs(points @ normal.T - np.einsum("ij,ij->i", corner[:, 0], normal)) <= off
+    held = np.where(normal @ way >= LEANS, on.sum(axis=0), 0)
+    best = int(np.argmax(held))
+    return fit_plane(points[on[:, best]], towards=way) if held[best] >= LEAST_POINTS else None
 
 
 def rim_offset(heights: FloatArray, start: float, spacing_m: float, sigma_m: float) -> float:

@@ -45,6 +45,17 @@ def test_a_whole_wall_tells_no_bore(noise):
     assert closed_bores([], WHOLE).passed
 
 
+@pytest.mark.parametrize("seed, n_points", [(1, 7), (9, 5), (11, 5)])
+def test_without_noise_five_points_on_a_circle_tell_a_bore(seed, n_points):
+    """A hole of 0.9 spacings; chance puts no five points on a circle exactly. A tenth of a millimetre off they tell none."""
+    small = bracket(0.1, 0.08, 0.0099, 0.055, [("a", 0.055, 0.0275, 0.0045)], 2e-6)
+    scan, _, normals = scanned(small, 0.005, seed=seed)
+    bores = told_bores(scan.cloud.points, normals, 0.005, 0.0)
+    assert [len(bore.wall) for bore in bores] == [n_points] and bores[0].surface.radius == pytest.approx(0.0045, rel=1e-3)
+    noisy = scan.cloud.points + 1e-4 * np.random.default_rng(0).normal(size=normals.shape)
+    assert told_bores(noisy, normals, 0.005, 1e-4) == []
+
+
 def test_normals_on_the_wall_of_a_bore_face_its_axis_and_the_others_stay():
     scan, _, normals = scanned(PART, H, NOISE, seed=2)
     bores = told_bores(scan.cloud.points, normals, H, NOISE)

@@ -130,7 +130,7 @@ def _between(points: FloatArray, planes: Planes, i: int, j: int, spacing_m: floa
     if held:
         due = 2.0 * math.pi * radius[large] * max(0.0, _apart_m(points, planes, i, j) - 2.0 * CLEAR * sigma_m) / spacing_m**2
         within = near_wall.tree.query_ball_point(middle[large], radius[large] + off_round_m(spacing_m, sigma_m), return_length=True)
-        large = large[np.asarray(within) >= held * due]
+        large = large[np.asarray(within) >= held * due / WIDER]  # of a hole to one side of the circle, and narrower
     large = large[np.argsort(-radius[large], kind="stable")]
     is_free = np.ones(len(large), bool)  # of the circles taken before
     for number, k in enumerate(large):

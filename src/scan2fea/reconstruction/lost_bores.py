@@ -22,6 +22,7 @@ from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction.bores import AROUND, CLEAR, LEAST_POINTS, RADIUS_KNOWN, Bore, distinct_bores, every_bore, on_one_axis
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.plane_growing import Planes, grow_planes
+from scan2fea.reconstruction.regular import EXACT
 from scan2fea.reconstruction.round_growing import CHORD, off_round_m
 from scan2fea.types import BoolArray, Check, FloatArray, TriangleMesh
 
@@ -57,7 +58,8 @@ def told_bores(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_
         return []
     nearest = cKDTree(points)
     found = [bore for bore in found if _faces_in(bore, normals[nearest.query(bore.wall)[1]])]
-    told = [bore for bore in found if _is_told(bore, points, spacing_m, sigma_m, LEAST_TOLD, CIRCLE_CHANCE)]
+    least = LEAST_POINTS if sigma_m <= EXACT else LEAST_TOLD  # chance puts not even five points on a circle exactly
+    told = [bore for bore in found if _is_told(bore, points, spacing_m, sigma_m, least, CIRCLE_CHANCE)]
     like = [bore for bore in found if any(_is_like(bore, other) for other in told)]
     more = [bore for bore in like if _is_told(bore, points, spacing_m, sigma_m, LEAST_POINTS, LIKE_CHANCE)]
     return distinct_bores([*told, *more])

@@ -138,7 +138,7 @@ def test_votes_are_paid_on_the_sensors_side():
     tetra = tetrahedralise(cloud(), 0.3, 0)
     capacity, source = np.zeros((len(tetra), 4)), np.zeros(len(tetra))
     target = np.array([[0.5, 0.1, -0.2]])
-    walk_votes(*graph(tetra), np.array([7]), target, np.array([2.0]), np.array([1.0]), 0.2, capacity, source)
+    walk_votes(*graph(tetra), tetra.is_box, np.array([7]), target, np.array([2.0]), np.array([1.0]), 0.2, capacity, source)
     holder = int(source.argmax())
     assert source.sum() == source[holder] == 2.0 and barycentric(tetra, [holder], target).min() > -1e-9
     length = np.linalg.norm(target[0] - tetra.points[7])

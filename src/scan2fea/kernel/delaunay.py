@@ -16,7 +16,7 @@ from scipy.spatial import Delaunay, QhullError
 
 from scan2fea.errors import ReconstructionError, require
 from scan2fea.kernel.delaunay_insert import inserted
-from scan2fea.kernel.jit import jit
+from scan2fea.kernel.jit import jit, jit_ieee
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 JITTER = 1e-3  # of the spacing: breaks exact coplanarity and cosphericity, far below any noise
@@ -128,15 +128,24 @@ def _hull(points: FloatArray) -> tuple[IntArray, IntArray] | None:
     return None if len(hull.coplanar) or not _orient(points, tets, neighbors) else (tets, neighbors)
 
 
+@jit_ieee
 def _circumspheres(points: FloatArray, tets: IntArray) -> tuple[FloatArray, FloatArray]:
     """Centres (m, 3) and radii (m,)."""
-    a = points[tets[:, 0]]
-    b, c, d = (points[tets[:, i]] - a for i in (1, 2, 3))
-    bc, cd, db = np.cross(b, c), np.cross(c, d), np.cross(d, b)
-    twice = 2.0 * np.einsum("ij,ij->i", bc, d)
-    squares = [np.einsum("ij,ij->i", x, x)[:, None] for x in (b, c, d)]
-    offset = (squares[0] * cd + squares[1] * db + squares[2] * bc) / twice[:, None]
-    return a + offset, np.linalg.norm(offset, axis=1)
+    centre, radius = np.empty((len(tets), 3)), np.empty(len(tets))
+    for t in range(len(tets)):
+        ax, ay, az = points[tets[t, 0]]
+        bx, by, bz = points[tets[t, 1], 0] - ax, points[tets[t, 1], 1] - ay, points[tets[t, 1], 2] - az
+        cx, cy, cz = points[tets[t, 2], 0] - ax, points[tets[t, 2], 1] - ay, points[tets[t, 2], 2] - az
+        dx, dy, dz = points[tets[t, 3], 0] - ax, points[tets[t, 3], 1] - ay, points[tets[t, 3], 2] - az
+        b, c, d = bx * bx + by * by + bz * bz, cx * cx + cy * cy + cz * cz, dx * dx + dy * dy + dz * dz
+        bc = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+        twice = 2.0 * (bc[0] * dx + bc[1] * dy + bc[2] * dz)
+        x = (b * (cy * dz - cz * dy) + c * (dy * bz - dz * by) + d * bc[0]) / twice
+        y = (b * (cz * dx - cx * dz) + c * (dz * bx - dx * bz) + d * bc[1]) / twice
+        z = (b * (cx * dy - cy * dx) + c * (dx * by - dy * bx) + d * bc[2]) / twice
+        centre[t, 0], centre[t, 1], centre[t, 2] = ax + x, ay + y, az + z
+        radius[t] = math.sqrt(x * x + y * y + z * z)
+    return centre, radius
 
 
 @jit
@@ -234,14 +243,16 @@ def next_tet(
 @jit
 def walk_votes(
     points: FloatArray, tets: IntArray, neighbors: IntArray, first: IntArray, incident: IntArray,
-    vertex: IntArray, target: FloatArray, weight: FloatArray, rise: FloatArray, softness: float, capacity: FloatArray, source: FloatArray,
+    is_box: BoolArray, vertex: IntArray, target: FloatArray, weight: FloatArray, rise: FloatArray, softness: float,
+    capacity: FloatArray, source: FloatArray,
 ) -> None:  # fmt: skip
     """Votes of the sight lines from vertex[k] to target[k] (metres), added to capacity (m, 4) and source (m,) IN PLACE.
 
     Each facet crossed at height z above the point's surface adds weight (1 - exp(-z^2 / (2 softness^2))) to the facet of the tet on the
     TARGET side: the price of that tet being outside while the one on the point's side is inside (Labatut, Pons, Keriven 2009, with
     direction, and with height in place of distance: a grazing ray stays in the noise for long). rise[k] : height per metre of the way.
-    The tet that holds the target, or the last one before the hull, gains `weight` as source.
+    The tet that holds the target, or the last one before the hull, gains `weight` as source. A walk ends in the first tet of the box: it has
+    left the points, and the box is outside already.
     """
     work, ray = np.zeros(8), np.zeros(6)
     for k in range(len(vertex)):
@@ -252,7 +263,7 @@ def walk_votes(
         ray[:3], ray[3:] = points[v], (target[k] - points[v]) / length
         t, facet, s = start_tet(points, tets, first, incident, v, ray, work)
         for _ in range(MAX_STEPS):
-            if t < 0 or facet < 0 or s >= length:
+            if t < 0 or facet < 0 or s >= length or is_box[t]:
                 break
             other, entry, leave, s_next = next_tet(points, tets, neighbors, t, facet, ray, work)
             if other < 0:

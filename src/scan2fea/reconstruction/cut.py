@@ -6,12 +6,14 @@ holds the sensor as source, and the inward vote along the normal instead of alon
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from scan2fea.errors import ReconstructionError, require
 from scan2fea.kernel.delaunay import FACETS, Tetrahedralisation, tet_at, walk_votes
+from scan2fea.kernel.jit import jit_ieee
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
 NEVER = 1e9  # capacity of what must not be cut
@@ -63,7 +65,7 @@ def gather_votes(
     way = targets[seen] - tetra.points[seen]
     rise = np.abs(np.einsum("ij,ij->i", way, normals[seen])) / np.maximum(np.linalg.norm(way, axis=1), np.finfo(float).tiny)
     graph = (tetra.points, tetra.tets, tetra.neighbors, first, incident)
-    walk_votes(*graph, seen, targets[seen], weight[seen], rise, float(softness_m), capacity, source)
+    walk_votes(*graph, tetra.is_box, seen, targets[seen], weight[seen], rise, float(softness_m), capacity, source)
     depth = np.maximum(np.fmin(2.0 * softness_m, WALL_SHARE * thickness_m), LEAST_DEPTH * spacing_m)
     under = tet_at(*graph, np.arange(n), np.ascontiguousarray(-normals), depth)
     np.add.at(sink, under[under >= 0], weight[under >= 0])
@@ -71,36 +73,41 @@ def gather_votes(
     return Votes(capacity=capacity, source=source, sink=sink)
 
 
-def facet_cost(tetra: Tetrahedralisation, across: IntArray) -> FloatArray:
-    """(m, 4) 1 - min(cos phi, cos psi) of each facet with the circumspheres on its two sides (Labatut 2009): 0 for large empty spheres.
+@jit_ieee
+def _facets(
+    points: FloatArray, tets: IntArray, neighbors: IntArray, centre: FloatArray, radius: FloatArray, spacing: float
+) -> tuple[IntArray, FloatArray]:
+    """(k, 4) tet, its facet, the tet beyond and the facet as that counts it, of each facet between two tets; and what it costs (k,).
 
-    across : (m, 4) number of the facet as the neighbour counts it.
+    1 - min(cos phi, cos psi) of the facet with the circumspheres on its two sides (Labatut 2009), 0 for large empty spheres, and AREA_PRICE of
+    its area in square spacings, which keeps a single wrong vote from raising a spike.
     """
-    cosine = np.ones((len(tetra), 4))
-    for i in range(4):
-        a, b, c = (tetra.points[tetra.tets[:, FACETS[i, j]]] for j in range(3))
-        inward = -np.cross(b - a, c - a)
-        inward /= np.linalg.norm(inward, axis=1)[:, None]
-        cosine[:, i] = np.einsum("ij,ij->i", tetra.circumcentre - a, inward) / tetra.circumradius
-    other = np.where(tetra.neighbors >= 0, cosine[tetra.neighbors, across], 1.0)
-    return np.asarray(1.0 - np.minimum(np.clip(cosine, -1, 1), np.clip(other, -1, 1)))
-
-
-def _across(tetra: Tetrahedralisation) -> IntArray:
-    """(m, 4) number of the shared facet as the neighbour counts it."""
-    back = np.zeros((len(tetra), 4), np.int64)
-    for k in range(4):
-        back[tetra.neighbors[tetra.neighbors, k] == np.arange(len(tetra))[:, None]] = k
-    return back
-
-
-def area_cost(tetra: Tetrahedralisation, spacing_m: float) -> FloatArray:
-    """(m, 4) area of each facet in square spacings: what keeps a single wrong vote from raising a spike."""
-    area = np.zeros((len(tetra), 4))
-    for i in range(4):
-        a, b, c = (tetra.points[tetra.tets[:, FACETS[i, j]]] for j in range(3))
-        area[:, i] = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return area / spacing_m**2
+    cosine, area, n = np.empty((len(tets), 4)), np.empty((len(tets), 4)), 0
+    for t in range(len(tets)):
+        for i in range(4):
+            a, b, c = tets[t, FACETS[i, 0]], tets[t, FACETS[i, 1]], tets[t, FACETS[i, 2]]
+            ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
+            ux, uy, uz = points[b, 0] - ax, points[b, 1] - ay, points[b, 2] - az
+            vx, vy, vz = points[c, 0] - ax, points[c, 1] - ay, points[c, 2] - az
+            nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx  # outward
+            twice = math.sqrt(nx * nx + ny * ny + nz * nz)
+            height = (ax - centre[t, 0]) * nx + (ay - centre[t, 1]) * ny + (az - centre[t, 2]) * nz
+            cosine[t, i], area[t, i] = min(max(height / (twice * radius[t]), -1.0), 1.0), 0.5 * twice
+            n += neighbors[t, i] > t
+    pairs, cost, k = np.empty((n, 4), np.int64), np.empty(n), 0
+    for t in range(len(tets)):
+        for i in range(4):
+            other = neighbors[t, i]
+            if other <= t:
+                continue
+            back = 0
+            for j in range(4):
+                if neighbors[other, j] == t:
+                    back = j
+            pairs[k, 0], pairs[k, 1], pairs[k, 2], pairs[k, 3] = t, i, other, back
+            cost[k] = 1.0 - min(cosine[t, i], cosine[other, back]) + AREA_PRICE * area[t, i] / spacing**2
+            k += 1
+    return pairs, cost
 
 
 def cut(
@@ -117,11 +124,9 @@ def cut(
     Raises ReconstructionError if nothing is inside at any weight.
     """
     source = votes.source + (0.0 if extra_source is None else extra_source)
-    across = _across(tetra)
-    cost = facet_cost(tetra, across) + AREA_PRICE * area_cost(tetra, spacing_m)
-    i, facet = (np.asarray(x, np.int64) for x in np.nonzero(tetra.neighbors > np.arange(len(tetra))[:, None]))
-    j, back = tetra.neighbors[i, facet], across[i, facet]
-    forward, reverse, shape = votes.capacity[i, facet], votes.capacity[j, back], cost[i, facet]
+    pairs, shape = _facets(tetra.points, tetra.tets, tetra.neighbors, tetra.circumcentre, tetra.circumradius, float(spacing_m))
+    i, facet, j, back = pairs.T
+    forward, reverse = votes.capacity[i, facet], votes.capacity[j, back]
     for _ in range(HALVINGS):
         price = quality_weight * shape
         inside = _minimum_cut(i, j, forward + price, reverse + price, np.where(tetra.is_box, NEVER, source), votes.sink)

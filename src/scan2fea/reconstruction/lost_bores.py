@@ -70,7 +70,7 @@ def closed_bores(bores: Sequence[Bore], mesh: TriangleMesh) -> Check:
     axes = [_on_axis(bore.surface, bore.wall) for bore in bores]
     inside = signed_distance(np.concatenate(axes), mesh).reshape(-1, STEPS).min(axis=1) < 0 if axes else np.zeros(0, bool)
     closed = [bore.surface.point for bore, is_closed in zip(bores, inside, strict=True) if is_closed or _is_broken(bore, mesh)]
-    n = max(len(closed), _n_axes(bores) - surface_topology(mesh).n_handles)  # one that is open to the side is no handle
+    n = max(len(closed), _n_axes(bores) - surface_topology(mesh).n_handles) if bores else 0  # one that is open to the side is no handle
     says = (
         f"the points show {len(bores)} bores, and the solid closes or breaks {n} of them{around(np.array(closed))}: "
         "give the sensor position, or scan them more densely"

@@ -27,9 +27,10 @@ def unseen_rims(mesh: TriangleMesh, every: Sequence[Stretch]) -> tuple[Check, ..
 
     every : those ends.   The faces beside a rim are left out too: single points in a gap part it.
     """
-    n_handles, areas = surface_topology(mesh).n_handles, face_areas(mesh)
+    areas = face_areas(mesh)
     rims = [stretch.faces for stretch in every if areas[stretch.faces] @ np.isinf(stretch.slack_m) > UNPROVED * areas[stretch.faces].sum()]
-    if not n_handles or not rims:
+    n_handles = surface_topology(mesh).n_handles if rims else 0
+    if not n_handles:
         return ()
     off = np.concatenate(rims)
     n = n_handles - handles(mesh.faces[~_beside(mesh.faces, off)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -156,6 +157,16 @@ class PointToMesh:
         closest = np.einsum("ik,ikj->ij", weights, self._tree.corners[row]) + self._middle
         return Nearest(distance=distance, face=self._tree.face[row], closest=closest, weights=weights)
 
+    def signed_distance(self, points: FloatArray) -> FloatArray:
+        """(n,) as `signed_distance`."""
+        nearest = self.nearest(points)
+        return nearest.distance * _signs(points, self.mesh, nearest, *self._normals)
+
+    @cached_property
+    def _normals(self) -> tuple[FloatArray, FloatArray, IntArray]:
+        """(m, 3) of the faces, (k, 3) of the vertices, and (3 m,) the half-edge beyond each."""
+        return face_normals(self.mesh), vertex_normals(self.mesh), edge_table(self.mesh.faces).twin
+
 
 def distance_to_mesh(points: FloatArray, mesh: TriangleMesh) -> Nearest:
     """The nearest point of `mesh` for each of (n, 3) points. Raises InternalError for a mesh without faces."""
@@ -166,9 +177,10 @@ def signs(points: FloatArray, mesh: TriangleMesh, nearest: Nearest) -> FloatArra
     """(n,) +1 outside, -1 inside a closed oriented mesh, by the angle-weighted pseudo-normal of the face, edge or vertex that is nearest
     (Baerentzen and Aanaes 2005).
     """
-    of_faces = face_normals(mesh)
-    of_vertices = vertex_normals(mesh)
-    twin = edge_table(mesh.faces).twin
+    return _signs(points, mesh, nearest, face_normals(mesh), vertex_normals(mesh), edge_table(mesh.faces).twin)
+
+
+def _signs(points: FloatArray, mesh: TriangleMesh, nearest: Nearest, of_faces: FloatArray, of_vertices: FloatArray, twin: IntArray) -> FloatArray:
     normal = of_faces[nearest.face]
     on_rim = nearest.weights <= 1e-9
     for k in range(3):
@@ -183,8 +195,7 @@ def signs(points: FloatArray, mesh: TriangleMesh, nearest: Nearest) -> FloatArra
 
 def signed_distance(points: FloatArray, mesh: TriangleMesh) -> FloatArray:
     """(n,) distance to a closed oriented mesh, metres, negative inside."""
-    nearest = distance_to_mesh(points, mesh)
-    return nearest.distance * signs(points, mesh, nearest)
+    return PointToMesh(mesh).signed_distance(points)
 
 
 def sample_surface(mesh: TriangleMesh, n: int, seed: int) -> tuple[FloatArray, IntArray]:

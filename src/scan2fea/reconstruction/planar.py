@@ -15,7 +15,7 @@ import numpy as np
 
 from scan2fea.errors import ReconstructionError, require
 from scan2fea.kernel.arrangement import Arrangement, Cells
-from scan2fea.kernel.distances import signed_distance
+from scan2fea.kernel.distances import PointToMesh, signed_distance
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.planar_regions import planar_regions
@@ -203,20 +203,21 @@ def flat_form(points: FloatArray, first: Reconstruction, faces: Faces, seed: int
     sight : labels the cells in place of the first surface.
     """
     sigma, planes, rounds = first.sigma_m, faces.planes, faces.rounds
-    form = _closed(points, planes, rounds, first, seed, sight)
+    teller = PointToMesh(first.mesh) if sight is None else sight
+    form = _closed(points, planes, rounds, first, seed, teller)
     is_blurred = sigma > EXACT and first.source != "ranges"  # a range camera's noise lies along its rays: faces are not blurred alike all round
     for _ in range(PLACED if is_blurred else 0):
         planes = moved_planes(planes, placed(points, first.normals, form.mesh, form.shapes.planes, sigma))
-        form = _closed(points, planes, rounds, first, seed, sight)
+        form = _closed(points, planes, rounds, first, seed, teller)
     return form
 
 
-def _closed(points: FloatArray, planes: Planes, rounds: Rounds, first: Reconstruction, seed: int, sight: Sight | None) -> FlatForm:
+def _closed(points: FloatArray, planes: Planes, rounds: Rounds, first: Reconstruction, seed: int, teller: PointToMesh | Sight) -> FlatForm:
     """The solid between the faces. Raises ReconstructionError where it is no clean one."""
-    h, sigma = first.spacing_m, first.sigma_m
+    h, sigma, sight = first.spacing_m, first.sigma_m, teller if isinstance(teller, Sight) else None
     every = shapes(points, planes, rounds, h)
     cells, count, group = arranged(points, every, h, sigma)
-    full, empty, size = _told(cells, group, first.mesh, seed, sight)
+    full, empty, size = _told(cells, group, teller, seed)
     scale = 1.0 if sight is None else _whole(full, empty, size, _by_faces(cells, group, count, full, empty, h))
     out, within = _votes(cells, group, count, every, h)
     inside = _cheapest(cells, group, count, scale * empty + out, scale * full + within, h)[group]
@@ -293,16 +294,14 @@ def _backed(points: FloatArray, every: Shapes, space: Arrangement, cells: Cells,
     return count
 
 
-def _told(
-    cells: Cells, group: IntArray, mesh: TriangleMesh, seed: int, sight: Sight | None
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _told(cells: Cells, group: IntArray, teller: PointToMesh | Sight, seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(g,) volume of each group that is told to be inside, that is told to be outside, and all of it: by the first surface, or by sight lines."""
-    places, owner, share = _probes(cells, seed, PROBES if sight is None else PROBES_KNOWN)
-    if sight is None:
-        full = signed_distance(places, mesh) < 0
-        empty = ~full
+    places, owner, share = _probes(cells, seed, PROBES_KNOWN if isinstance(teller, Sight) else PROBES)
+    if isinstance(teller, Sight):
+        full, empty = teller.told(places)
     else:
-        full, empty = sight.told(places)
+        full = teller.signed_distance(places) < 0
+        empty = ~full
     one, other, size = (np.bincount(group[owner], weights=of) for of in (share * full, share * empty, share))
     return np.asarray(one, float), np.asarray(other, float), np.asarray(size, float)
 
@@ -371,9 +370,7 @@ def _probes(cells: Cells, seed: int, n_probes: int) -> tuple[FloatArray, FloatAr
     return np.concatenate(places), np.concatenate(owner), np.concatenate(share)
 
 
-def _cheapest(
-    cells: Cells, group: IntArray, count: FloatArray, price_inside: FloatArray, price_outside: FloatArray, spacing_m: float
-) -> BoolArray:
+def _cheapest(cells: Cells, group: IntArray, count: FloatArray, price_inside: FloatArray, price_outside: FloatArray, spacing_m: float) -> BoolArray:
     """(g,) the groups inside, by a minimum cut: a facet is free where points back it and its plane's normal points outside."""
     import maxflow  # heavy: only where it is used
 

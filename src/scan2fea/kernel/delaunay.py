@@ -186,15 +186,21 @@ def _orient(points: FloatArray, tets: IntArray, neighbors: IntArray) -> bool:
 
 
 @jit
+def facet_vector(points: FloatArray, tets: IntArray, t: int, i: int) -> tuple[float, float, float, float, float, float]:
+    """A corner of facet i of tet t, and the vector out of the tet that is twice as long as the facet is large."""
+    a, b, c = tets[t, FACETS[i, 0]], tets[t, FACETS[i, 1]], tets[t, FACETS[i, 2]]
+    ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
+    ux, uy, uz = points[b, 0] - ax, points[b, 1] - ay, points[b, 2] - az
+    vx, vy, vz = points[c, 0] - ax, points[c, 1] - ay, points[c, 2] - az
+    return ax, ay, az, uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+
+
+@jit
 def _slopes(points: FloatArray, tets: IntArray, t: int, ray: FloatArray, out: FloatArray) -> None:
     """out[i]: barycentric coordinate i of the origin ray[:3] in tet t; out[4 + i]: its change per metre along ray[3:]; both times 6 volumes."""
     ox, oy, oz, dx, dy, dz = ray[0], ray[1], ray[2], ray[3], ray[4], ray[5]
     for i in range(4):
-        a, b, c = tets[t, FACETS[i, 0]], tets[t, FACETS[i, 1]], tets[t, FACETS[i, 2]]
-        ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
-        ux, uy, uz = points[b, 0] - ax, points[b, 1] - ay, points[b, 2] - az
-        vx, vy, vz = points[c, 0] - ax, points[c, 1] - ay, points[c, 2] - az
-        nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx  # outward
+        ax, ay, az, nx, ny, nz = facet_vector(points, tets, t, i)
         out[i] = nx * (ax - ox) + ny * (ay - oy) + nz * (az - oz)
         out[4 + i] = -(nx * dx + ny * dy + nz * dz)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scan2fea.errors import ReconstructionError, require
-from scan2fea.kernel.delaunay import FACETS, Tetrahedralisation, tet_at, walk_votes
+from scan2fea.kernel.delaunay import Tetrahedralisation, facet_vector, tet_at, walk_votes
 from scan2fea.kernel.jit import jit_ieee
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
 
@@ -85,11 +85,7 @@ def _facets(
     cosine, area, n = np.empty((len(tets), 4)), np.empty((len(tets), 4)), 0
     for t in range(len(tets)):
         for i in range(4):
-            a, b, c = tets[t, FACETS[i, 0]], tets[t, FACETS[i, 1]], tets[t, FACETS[i, 2]]
-            ax, ay, az = points[a, 0], points[a, 1], points[a, 2]
-            ux, uy, uz = points[b, 0] - ax, points[b, 1] - ay, points[b, 2] - az
-            vx, vy, vz = points[c, 0] - ax, points[c, 1] - ay, points[c, 2] - az
-            nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx  # outward
+            ax, ay, az, nx, ny, nz = facet_vector(points, tets, t, i)
             twice = math.sqrt(nx * nx + ny * ny + nz * nz)
             height = (ax - centre[t, 0]) * nx + (ay - centre[t, 1]) * ny + (az - centre[t, 2]) * nz
             cosine[t, i], area[t, i] = min(max(height / (twice * radius[t]), -1.0), 1.0), 0.5 * twice

@@ -31,7 +31,8 @@ def unit_vectors(n):
 def test_bare_points_as_text(head, sep, tmp_path):
     raw = read_scan(text_file(tmp_path / "a.txt", POINTS, head, sep))
     assert raw.scan.cloud.points.tobytes() == POINTS.tobytes()
-    assert (raw.n_points, raw.n_dropped, raw.unit, raw.unit_source, raw.sensor, raw.mesh) == (40, 0, "m", "assumed", "unknown", None)
+    stated = "format" if "[m]" in head else "assumed"
+    assert (raw.n_points, raw.n_dropped, raw.unit, raw.unit_source, raw.sensor, raw.mesh) == (40, 0, "m", stated, "unknown", None)
     assert raw.scan.cloud.raw_index.tolist() == list(range(40)) and (raw.scan.cloud.frame == 0).all() and (raw.scan.cloud.ray == -1).all()
 
 
@@ -96,7 +97,44 @@ def test_prose_above_the_rows_is_passed_over_and_told(tmp_path):
     assert raw.n_points == 2 and "line 1 ('Exported by a scanner on Monday') was passed over" in raw.notes
 
 
+@pytest.mark.parametrize("far, precision, told", [
+    (5.4e6, "<f4", "steps of 500 mm"), (16500.0, "<f4", "steps of 1.95 mm"), (5.4e6, "<f8", ""), (4000.0, "<f4", ""),
+])  # fmt: skip
+def test_single_precision_far_from_the_origin_is_told(far, precision, told, tmp_path):
+    np.save(tmp_path / "a.npy", (POINTS + np.array([far / 100, far, 0])).astype(precision))
+    assert [told for note in read_scan(tmp_path / "a.npy").notes if told and told in note] == [told] * bool(told)
+    assert len(read_scan(tmp_path / "a.npy").notes) == bool(told)
+
+
 # ---- units, dropping
+
+
+@pytest.mark.parametrize("rows, columns, x", [
+    ("1 2.5 3.5 4.5\n2 2.6 3.5 4.5\n3 2.7 3.5 4.6\n", "number x y z", 2.7),
+    ("1 2 3 4.5\n2 2 3 4.5\n3 2 3 4.6\n", "x y z intensity", 3.0),  # a range image in whole steps
+    ("2.5 3.5 4.5 1\n2.6 3.5 4.5 2\n2.7 3.5 4.6 3\n", "x y z intensity", 2.7),
+])  # fmt: skip
+def test_number_of_the_point_is_no_coordinate(rows, columns, x, tmp_path):
+    (tmp_path / "a.txt").write_text(rows)
+    raw = read_scan(tmp_path / "a.txt")
+    assert list(raw.columns) == columns.split() and raw.scan.cloud.points[2, 0] == x
+    assert [note.startswith("column 1 goes up by one") for note in raw.notes] == [True] * columns.count("number")
+
+
+@pytest.mark.parametrize("titles, unit", [
+    ("X [mm] Y [mm] Z [mm] Intensity", "mm"), ("# x(ft) y(ft) z(ft) i", "ft"), ("X [m] Y [m] Z [mm] i", ""), ("x [px] y [px] z [px] i", ""),
+    ("Intensity [m] X Y Z", ""), ("E [US ft] x [US ft] y [US ft] z [US ft]", "ft_us"),
+])  # fmt: skip
+def test_titles_state_the_unit(titles, unit, tmp_path):
+    (tmp_path / "a.xyz").write_text(f"{titles}\n1 2 3 4\n5 6 7 9\n")
+    raw = read_scan(tmp_path / "a.xyz")
+    assert (raw.unit, raw.unit_source) == (unit or "m", "format" if unit else "assumed")
+
+
+def test_separators_of_thousands_are_refused(tmp_path):
+    (tmp_path / "a.csv").write_text('X,Y,Z\n"1,431.5","2,345.5","12.5"\n')
+    with pytest.raises(InputError, match=r'line 2: "1,431\.5" has separators of thousands'):
+        read_scan(tmp_path / "a.csv")
 
 
 @pytest.mark.parametrize("unit, metres", [("mm", 1e-3), ("in", 0.0254), ("m", 1.0)])

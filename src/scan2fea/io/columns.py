@@ -29,6 +29,7 @@ _ALIASES = {
     "sensor_z": ("sensorz",),
 }
 _CANONICAL = {alias: name for name, aliases in _ALIASES.items() for alias in (name, *aliases)}
+_FEWEST_ROWS = 3  # that tell a number of the point from a coordinate
 _UNIT_LENGTH_TOLERANCE = 0.01  # normals written with three digits
 
 
@@ -70,6 +71,17 @@ def guessed(sample: FloatArray, count: int) -> tuple[str, ...]:
         else:
             names.append(f"c{k + 1}")
     return tuple(names)
+
+
+def has_number_before(sample: FloatArray) -> bool:
+    """Whether the number of the point stands before x, y, z in columns without titles.
+
+    sample : (k, count) first rows, nan where a value is no number. It goes up by one from row to row; a coordinate does so too only in a
+    range image, where not all three columns after it have fractions.
+    """
+    if sample.shape[1] < 4 or len(sample) < _FEWEST_ROWS:
+        return False
+    return bool((np.diff(sample[:, 0]) == 1.0).all()) and bool((sample[:, 1:4] != np.floor(sample[:, 1:4])).any(axis=0).all())
 
 
 def _are_unit(vectors: FloatArray) -> bool:

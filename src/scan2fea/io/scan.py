@@ -27,6 +27,7 @@ BYTES_PER_RAY = 56
 # a face of a surface in repair and remeshing: its edges and their neighbours, boxes for crossings, a tree for distances
 # (a torus of 102,400 and of 409,600 took 502 in repair, 617 and 623 with remeshing)
 BYTES_PER_FACE = 650
+_COARSE_M = 1e-3  # step of coordinates that no scan of a part has
 _MOST_RINGS = 65536
 CAPTURE = "pcap"  # the format whose files hold many turns
 
@@ -125,8 +126,27 @@ def read_scan(path: Path, options: InputOptions = InputOptions()) -> RawScan:
         voxel_edge_m=gathered.voxel_edge_m,
         columns=source.columns,
         sweep=_sweep(gathered),
-        notes=source.notes + gathered.notes + note + _surplus(entry.name, source, gathered) + _sight_note(source, scan, options),
+        notes=(*source.notes, *gathered.notes, *note, *_told(entry.name, source, gathered, scan, scale, options)),
     )
+
+
+def _told(form: str, source: Source, gathered: Gathered, scan: Scan, scale: float, options: InputOptions) -> tuple[str, ...]:
+    return _surplus(form, source, gathered) + _sight_note(source, scan, options) + _precision_note(gathered.points, scale)
+
+
+def _precision_note(points: FloatArray, scale: float) -> tuple[str, ...]:
+    """Coordinates that single precision kept only to a millimetre or worse, as it does far from the origin.
+
+    points : (n, 3), m.   scale : metres per unit of the file.
+    """
+    farthest = np.abs(points).max(axis=0) / scale
+    step_m = float(np.spacing(np.float32(farthest.max()))) * scale
+    if step_m < _COARSE_M:
+        return ()
+    column = points[:, int(farthest.argmax())] / scale
+    is_single = np.abs(column - column.astype(np.float32)).max() <= 4.0 * np.spacing(farthest.max())
+    says = f"coordinates as far from the origin as {farthest.max():,.0f} were kept in single precision, in steps of {1e3 * step_m:.3g} mm"
+    return (f"{says}: export them in double precision, or with an offset taken off",) if is_single else ()
 
 
 def _sight_note(source: Source, scan: Scan, options: InputOptions) -> tuple[str, ...]:

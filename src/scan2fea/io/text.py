@@ -16,11 +16,15 @@ from scan2fea.io.planar_scan import PlanarColumns, planar_columns, planar_piece
 from scan2fea.io.source import ROWS_PER_PIECE, Column, Piece, Source
 from scan2fea.io.tokens import WHITESPACE
 from scan2fea.types import ByteArray
+from scan2fea.units import METRES_PER_UNIT
 
 _HEAD = 1 << 16  # bytes in which the first rows must lie
 _SAMPLE = 200  # rows from which unnamed columns are told
 _COMMENTS = ("#", "%", "//")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
+_THOUSANDS = re.compile(r'"[+-]?\d{1,3}(,\d{3})+(\.\d*)?"')
+_BRACKET = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]")  # of a title: the unit, as in X [mm]
+_UNITS = {"metre": "m", "meter": "m", "metres": "m", "meters": "m", "inch": "in", "feet": "ft", "foot": "ft", "usft": "ft_us"}
 
 
 def open_text(path: Path, size: int) -> Source:
@@ -41,16 +45,17 @@ def open_text(path: Path, size: int) -> Source:
         return _pieces(layout, wanted, planar)
 
     notes = layout.notes + (planar.notes if planar is not None else ())
-    return Source(columns=table.names, pieces=pieces, n_points=layout.n_points, notes=notes)
+    return Source(columns=table.names, pieces=pieces, n_points=layout.n_points, unit=layout.unit, notes=notes)
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where the rows begin, what their columns are, and the count a PTS file begins with."""
+    """Where the rows begin, what their columns are, the count a PTS file begins with, and the unit that the titles of x, y and z state."""
 
     table: TextTable
     n_points: int | None
     notes: tuple[str, ...]
+    unit: str
 
 
 @dataclass(frozen=True)
@@ -118,7 +123,7 @@ def _layout(path: Path, size: int) -> _Layout:
             n_points = count
         elif _is_row(line.text):
             table, notes = _table(path, text, size, line, titles)
-            return _Layout(table, n_points, notes)
+            return _Layout(table, n_points, notes, _unit(table.names, titles))
         else:
             titles.append(line)
     if n_points == 0:
@@ -183,6 +188,8 @@ def _count(line: str, following: list[str]) -> int | None:
 
 def _table(path: Path, text: ByteArray, size: int, first: _Line, titles: list[_Line]) -> tuple[TextTable, tuple[str, ...]]:
     separator, point = _separator(first.text)
+    if (number_of := _THOUSANDS.search(first.text)) is not None:
+        raise FormatError(f"{path}, line {first.number}: {number_of[0]} has separators of thousands: export it without them")
     tokens = split_line(first.text.encode(), separator)
     bare = TextTable(path, text, first.start, size, separator, ord(point), len(tokens))
     names, notes = _names(path, bare, tokens, titles)
@@ -197,7 +204,7 @@ def _table(path: Path, text: ByteArray, size: int, first: _Line, titles: list[_L
 def _names(path: Path, table: TextTable, tokens: list[str], titles: list[_Line]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names of the columns: from the last line above the rows that has as many words, else told from the first rows."""
     for line in reversed(titles):
-        words = split_line(line.text.lstrip("#%/ ").encode(), _separator(line.text.lstrip("#%/ "))[0])
+        words = _titles(line)
         is_comment = line.text.startswith(_COMMENTS)
         if is_comment and not columns.find_all(words, "x", "y", "z") and planar_columns(words) is None:
             continue
@@ -216,10 +223,32 @@ def _names(path: Path, table: TextTable, tokens: list[str], titles: list[_Line])
     sample[: len(rows), list(numeric)] = rows
     passed = [line for line in titles if not line.text.startswith(_COMMENTS)]
     notes = tuple(f"line {line.number} ({shown(line.text.encode())}) was passed over" for line in passed)
-    names = columns.guessed(sample[: len(rows)], len(tokens))
+    before = int(columns.has_number_before(sample[: len(rows)]))
+    if before:
+        notes += ("column 1 goes up by one from row to row: taken for the number of the point, x, y and z for those after it",)
+    names = ("number",)[:before] + columns.guessed(sample[: len(rows), before:], len(tokens) - before)
     if path.suffix.lower() == ".xyzc" and len(names) == 4:  # the suffix says what the fourth column is
         names = ("x", "y", "z", "label")
     return names, notes
+
+
+def _titles(line: _Line) -> list[str]:
+    """The names on a line of titles; what stands in brackets belongs to the name before it."""
+    text = line.text.lstrip("#%/ ")
+    return split_line(_BRACKET.sub(lambda found: f"[{found[1].replace(' ', '')}]", text).encode(), _separator(_BRACKET.sub("", text))[0])
+
+
+def _unit(names: tuple[str, ...], titles: list[_Line]) -> str:
+    """The unit in brackets after x, y and z where one line of titles has the same after all three and it is known; else ""."""
+    for line in reversed(titles):
+        words = _titles(line)
+        xyz = columns.find_all(words, "x", "y", "z") if tuple(words) == names[: len(words)] else None
+        found = {m[1].lower() if (m := _BRACKET.search(word)) else "" for word in xyz or ()}
+        if len(found) == 1:
+            unit = found.pop()
+            unit = _UNITS.get(unit, unit)
+            return unit if unit in METRES_PER_UNIT else ""
+    return ""
 
 
 def _distinct(names: list[str]) -> tuple[str, ...]:

@@ -281,3 +281,12 @@ def test_a_shallow_pocket_that_the_solid_leaves_out_is_told(depth, told):
     points += 5e-5 * rng.standard_normal(points.shape)
     lost = points_lost(plain, surface, points, Scale(spacing_m=0.001, noise_m=5e-5, size_m=0.15))
     assert (lost >= 100) if told else lost == 0
+
+
+def test_the_report_tells_how_wide_each_hole_is():
+    sigma = 1e-4
+    rows = solid_of(noisy(meshed("plate"), sigma), sigma).how["cylinders"]
+    wide = sorted(row["diameter_m"] for row in rows)
+    assert [row["name"] for row in rows] == ["HOLE_01", "HOLE_02", "HOLE_03"] and all(row["is_hole"] for row in rows)
+    assert wide == pytest.approx([0.012, 0.012, 0.02], abs=4e-5)
+    assert all(2e-6 < row["std_m"] < 5e-5 and row["n_points"] > 20 for row in rows)

@@ -13,6 +13,7 @@ from scan2fea.types import FloatArray, IntArray, TriangleMesh
 LONG = 3.0  # an object this many times longer than wide has ends
 SQUARE = 0.98  # cosine between the normal of an end and the axis of the object
 REACH = 0.02  # of the length: an end lies this near to where the object ends
+HOLE = "HOLE"
 WHOLE = 0.6  # of a turn: a hollow cylinder over more than this is a hole, less is a rounded corner
 
 
@@ -32,7 +33,7 @@ def named_faces(mesh: TriangleMesh, surfaces: Sequence[Surface]) -> tuple[str, .
             names.append(ends[face])
         elif surface.kind == CYLINDER and surface.sense < 0 and _turn(mesh, region, face, surface) > WHOLE:
             holes += 1
-            names.append(f"HOLE_{holes:02d}")
+            names.append(f"{HOLE}_{holes:02d}")
         else:
             names.append(f"FACE_{face + 1:0{width}d}_{surface.kind.upper()}")
     return tuple(names)

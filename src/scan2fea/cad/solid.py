@@ -12,6 +12,7 @@ from scan2fea.cad.body import Body
 from scan2fea.cad.brep import CadOptions
 from scan2fea.cad.cells import cell_solid
 from scan2fea.cad.compared import LEFT_OUT, Compared
+from scan2fea.cad.diameters import with_diameters
 from scan2fea.cad.extruded import with_extruded
 from scan2fea.cad.fillets import Fillet, fitted_fillets, renumbered, rounded, without_fillets
 from scan2fea.cad.live import is_valid
@@ -65,7 +66,7 @@ def true_solid(
     if not options.true_faces or (way == QUILTED and not options.patches):
         return no_solid("cad.true_faces is off" if not options.true_faces else "cad.patches is off")
     body = Body.of(mesh, points, spacing_m, noise_m, resting)
-    return WAYS[way](body, body.segmented(TOLERANCES[0]))
+    return with_diameters(WAYS[way](body, body.segmented(TOLERANCES[0])), body.used)
 
 
 def _whole(body: Body, raw: Patches) -> Trued:

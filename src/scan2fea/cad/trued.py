@@ -39,7 +39,7 @@ READS_BACK = 1e-5
 class Trued(Value):
     """brep, mesh : the solid of true faces and its triangles, whose face_region is the face of the B-Rep; None where the surface is free form.
 
-    reason : why.   snaps : relations tested.   how : figures for the report.
+    reason : why.   snaps : relations tested.   how : figures for the report.   surfaces : metres, of each face of the B-Rep.
     """
 
     brep: Brep | None
@@ -47,6 +47,7 @@ class Trued(Value):
     reason: str
     snaps: tuple[Snap, ...] = ()
     how: Mapping[str, Any]
+    surfaces: tuple[Surface, ...] = ()
 
 
 def no_solid(reason: str) -> Trued:
@@ -142,7 +143,7 @@ def trued(
         n_solids=found.n_solids, n_free_edges=found.n_free_edges, face_centre=found.face_centre, face_area=found.face_area,
     )  # fmt: skip
     boxed = with_exact_box(brep, placed, mesh, OCC_RESOLUTION_M)
-    return Trued(brep=boxed, mesh=mesh, reason="", snaps=snaps, how=_told(snaps, brep, proved, fillets))
+    return Trued(brep=boxed, mesh=mesh, reason="", snaps=snaps, how=_told(snaps, brep, proved, fillets), surfaces=tuple(surfaces))
 
 
 def in_metres(surface: Surface, middle: FloatArray) -> Surface:

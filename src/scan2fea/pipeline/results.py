@@ -125,6 +125,7 @@ def cad_row(brep: Brep, tets: TetMesh | None, how: Mapping[str, Any], snaps: Seq
         "n_facets": kinds.count("facet"),
         **({key: value for key, value in told.items() if value is not None} if told["route"] else {}),
         **({"patches": finite_tree(how["cad_patches"])} if "cad_patches" in how else {}),
+        **({"cylinders": finite_tree(how["cad_cylinders"])} if "cad_cylinders" in how else {}),
         "face_names": list(brep.face_names if tets is None else tets.face_names)[:MAX_NAMES],
     }
 

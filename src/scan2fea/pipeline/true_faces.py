@@ -110,7 +110,7 @@ def _filled(made: Made, found: Tracked[Trued], surface: TriangleMesh, config: Co
     made.brep, made.tets, made.snaps = found.value.brep, tets, found.value.snaps
     made.how.update(filled.value.how)
     made.how["cad_route"], made.how["cad_reason"] = TRUE, ""
-    made.how.update({"cad_holes": dict(found.value.how["holes"])} if "holes" in found.value.how else {})
+    made.how.update({f"cad_{name}": found.value.how[name] for name in ("holes", "cylinders") if name in found.value.how})
     return Tracked(tets, filled.key)
 
 

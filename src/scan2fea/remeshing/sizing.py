@@ -15,6 +15,7 @@ WALL_EDGES = 2.0  # of the thickness: longer edges leave flat tets in a wall
 STRIP_EDGES = 2.0  # of the width between two creases: longer edges leave triangles under 27 degrees between them
 GROWTH = 0.3  # of the distance: how fast the goal may change along the surface
 SMOOTHING = 3  # rounds over the normals before curvature is read from them
+BENT = 0.5  # of all faces: where bends take more, they give way with the rest
 FACE_AREA = 3**0.5 / 4  # of an equilateral triangle of edge 1
 
 
@@ -81,20 +82,27 @@ def _of_planes(mesh: TriangleMesh) -> BoolArray:
 
 
 def edge_goal(mesh: TriangleMesh, is_sharp: BoolArray, edge_m: float, finest_m: float, max_faces: int) -> FloatArray:
-    """(n,) metres: `edge_m` where nothing is tight, down to `finest_m` where it bends, is thin or narrow; longer if faces would be too many."""
+    """(n,) metres: `edge_m` where nothing is tight, down to `finest_m` where it bends, is thin or narrow; longer if faces would be too many.
+
+    Where bends take less than half of the faces they are kept, and walls and flats give way: a bolt hole in a long member would come as a square.
+    """
     is_border = is_sharp & _of_planes(mesh)
     bend = np.maximum(curvature(mesh, is_sharp), crease_bend(mesh, is_border))
     wall = np.minimum(WALL_EDGES * thickness(mesh), STRIP_EDGES * strip_width(mesh, is_border))
     edges = edge_table(mesh.faces).edges
     areas = face_areas(mesh)
-    finest = finest_m
+    finest, thinnest, chord = finest_m, finest_m, CHORD * edge_m
     for _ in range(30):
-        curved = np.sqrt(np.divide(8 * CHORD * edge_m, bend, out=np.full(len(bend), np.inf), where=bend > 0))  # sagitta = L^2 / 8 R
-        goal = graded(np.clip(np.minimum(curved, wall), finest, max(edge_m, finest)), mesh, edges)
-        n_faces = float((areas / (FACE_AREA * goal[mesh.faces].mean(1) ** 2)).sum())
-        if n_faces <= max_faces:
+        curved = np.sqrt(np.divide(8 * chord, bend, out=np.full(len(bend), np.inf), where=bend > 0))  # sagitta = L^2 / 8 R
+        others = np.clip(wall, thinnest, max(edge_m, thinnest))
+        goal = graded(np.clip(curved, finest, np.maximum(others, finest)), mesh, edges)
+        n_faces = areas / (FACE_AREA * goal[mesh.faces].mean(1) ** 2)
+        if n_faces.sum() <= max_faces:
             break
-        edge_m *= max(1.03, min((n_faces / max_faces) ** 0.5, 1.5))
-        if edge_m > 4 * finest:
-            finest *= 1.1  # even the fine places cost too much
+        more = max(1.03, min((n_faces.sum() / max_faces) ** 0.5, 1.5))
+        edge_m *= more
+        if edge_m > 4 * thinnest:
+            thinnest *= 1.1  # even the fine places cost too much
+        if n_faces[(curved < others)[mesh.faces].all(1)].sum() > BENT * max_faces:
+            chord, finest = more * chord, max(finest, thinnest)
     return goal

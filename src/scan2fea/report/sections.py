@@ -33,11 +33,13 @@ from scan2fea.report.words import (
     stand_in,
     unobserved,
     volume,
+    with_deviation,
 )
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 Item = Mapping[str, Any]
 SHOWN_MODES = 3
+MOST_CYLINDERS = 24  # that are named
 
 
 def object_section(item: Item, place: int, made: Geometry, files: Sequence[str], width_px: int) -> Html:
@@ -126,6 +128,7 @@ def _facts(item: Item, size: Sequence[float] | None) -> Html:
         kinds += [(cad.get("n_cylindrical"), "cylindrical"), (cad.get("n_conical"), "conical")]
         kinds += [(cad.get("n_spherical"), "spherical"), (cad.get("n_revolution"), "turned"), (cad.get("n_nurbs"), "free-form")]
         rows += [("CAD faces", f"{count(cad.get('n_faces'))} ({', '.join(f'{count(n)} {kind}' for n, kind in kinds if n)})")]
+        rows += [("Cylinders", _cylinders(cad["cylinders"]))] if cad.get("cylinders") else []
         rows += [("CAD relations", _relations(cad["snaps"]))] if cad.get("snaps") else []
         made_of = "free-form patches" if cad.get("patches") else "facets"
         rows += [(f"CAD faces are {made_of} because", cad["reason"])] if cad.get("reason") else []
@@ -141,6 +144,19 @@ def _patches(told: Mapping[str, Any]) -> str:
     off = f"within {millimetres(told['off_max_m'])} of the surface, 95 % within {millimetres(told['off_p95_m'])}"
     angle = f"neighbours meet at {number(told['across_median_deg'])}\u00b0 (median), {number(told['across_max_deg'])}\u00b0 at most"
     return f"{off}; {angle}"
+
+
+def _cylinders(told: Sequence[Mapping[str, Any]]) -> str:
+    """Diameters, those of holes first; one standard deviation where the points tell it."""
+    rows = sorted(told[:MOST_CYLINDERS], key=lambda row: not row["is_hole"])
+    said = [f"{row['name']} {_wide(row)}" for row in rows]
+    return "; ".join(said) + (f"; {len(told) - MOST_CYLINDERS} more in report.json" if len(told) > MOST_CYLINDERS else "")
+
+
+def _wide(row: Mapping[str, Any]) -> str:
+    std = row.get("std_m")
+    wide = with_deviation(float(row["diameter_m"]) * MILLIMETRES_PER_METRE, None if std is None else float(std) * MILLIMETRES_PER_METRE)
+    return f"\u00d8 {wide} mm"
 
 
 def _relations(snaps: Sequence[Mapping[str, Any]]) -> str:

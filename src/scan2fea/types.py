@@ -7,6 +7,7 @@ them to disk and read it back bit for bit.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -410,6 +411,23 @@ class Bend(Value):
         return self.angle_rad * self.radius_m
 
 
+@dataclass(frozen=True, kw_only=True)
+class RootFillet(Value):
+    """The fillets of a rolled section, which share one radius. radius_m : 0 where its corners are sharp, or do not tell.   std_m : 0 where it is 0.
+
+    is_observable : whether the points tell a radius, or that there is none.   most_m : no larger radius goes with the points (three standard
+    deviations), inf where they do not tell.   source : "fitted", or "fixed" (the user gave it).   toe_m : radius of
+    an angle's toes, which its solid leaves sharp.
+    """
+
+    radius_m: float = 0.0
+    std_m: float = 0.0
+    is_observable: bool = False
+    most_m: float = math.inf
+    source: str = "fitted"
+    toe_m: float = 0.0
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Member(Value):
     """A prismatic member: a section of `kernel.sections` swept along a nearly straight axis.
@@ -425,6 +443,7 @@ class Member(Value):
     told_toes : faces that end a wall, were not seen, and are known by a mirror image that was.
     bends : of a pipe with elbows, from its first end on; z of the member is then the way along the axis, and end normals are as before the bends.
     reached : faces that were not seen and are known by where both their neighbours stop.   seated : by the support that they rest on.
+    root : fillets where its walls meet; the dimensions are those of its faces, which would meet in sharp corners.
     """
 
     family: str
@@ -447,6 +466,7 @@ class Member(Value):
     reached: tuple[str, ...] = ()
     seated: tuple[str, ...] = ()
     bends: tuple[Bend, ...] = ()
+    root: RootFillet = RootFillet()
 
     def values(self) -> dict[str, float]:
         """Every dimension by name, metres."""

@@ -16,7 +16,7 @@ from scan2fea.estimation.catalogue import outer_sizes
 from scan2fea.estimation.given import SIGNIFICANT, Given
 from scan2fea.pipeline.fit import FittedFile, FittedObject, fit_file, fit_objects, write_member
 from scan2fea.pipeline.route import Estimate
-from scan2fea.types import Bend, CatalogueEntry, Member, Parameter, SectionChange
+from scan2fea.types import Bend, CatalogueEntry, Member, Parameter, RootFillet, SectionChange
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 NOT_EXPLAINED = 4
@@ -73,6 +73,8 @@ def _print_found(found: Estimate, member: Member) -> None:
     print(f"\n  {'dimension':<12}{'value, mm':>12}{'std, mm':>10}  observable  from")
     for parameter in member.parameters:
         print(_line(parameter, is_told=parameter.observable and parameter.name not in found.untold))
+    if member.root.radius_m or member.root.is_observable:
+        print(_line(_root_row(member.root), is_told=member.root.is_observable))
     print()
     for key, text in _facts(member):
         print(f"  {key:<13} {text}")
@@ -92,9 +94,15 @@ def _line(p: Parameter, *, is_told: bool) -> str:
     digits = 3 if p.std_m is None else max(0, min(6, 2 - int(f"{max(p.std_m * MILLIMETRES_PER_METRE, 1e-9):e}".split("e")[1])))
     sources = {"fitted": "the points", "fixed": "given", "catalogue": "the catalogue (assumed)", "estimate": "an estimate (assumed)"}
     off = "" if p.spread_m is None or p.observable else f", may be off by {p.spread_m * MILLIMETRES_PER_METRE:.2g} mm"
-    is_likeliest = p.source == "fitted" and p.std_m is None
+    is_likeliest = p.source == "fitted" and p.std_m is None and not is_told
     source = "likeliest" if is_likeliest else sources.get(p.source, p.source).replace("(assumed)", f"(assumed{off})")
     return f"  {p.name:<12}{p.value_m * MILLIMETRES_PER_METRE:>12.{digits}f}{std:>10}  {'yes' if is_told else 'NO':<10}  {source}"
+
+
+def _root_row(root: RootFillet) -> Parameter:
+    """The radius of the root fillets as the rows of dimensions have it."""
+    std = root.std_m if root.std_m > 0 else None
+    return Parameter(name="r (root)", value_m=root.radius_m, std_m=std, observable=root.is_observable, source=root.source)
 
 
 def _facts(member: Member) -> list[tuple[str, str]]:

@@ -52,6 +52,7 @@ from scan2fea.estimation.ray_noise import freed_of_ray_noise
 from scan2fea.estimation.ray_voids import in_sheets, seen_through
 from scan2fea.estimation.reach import end_rows, reach
 from scan2fea.estimation.rim import BAR_OF, hollow, is_unsure, with_rim
+from scan2fea.estimation.root_fillet import roots_of, squared
 from scan2fea.estimation.swept import Sweep, sweep_of
 from scan2fea.estimation.systematic import even_spacing, face_error, thinned_spacing, widened
 from scan2fea.estimation.with_rays import compared_by_rays, needs_rays, refined, sensor_inside
@@ -115,6 +116,20 @@ def fit_member(
     one line, no section fits, or (nothing being known) seen along no axis they lie on an outline. Other objects that are no member come back with
     `explains` False.
     """
+    found = _sharp(scan, options, fixed, nominal, covers)
+    roots = roots_of(_checked(scan), found.member, options.seed)
+    if not roots.fillet.radius_m:
+        return dataclasses.replace(found, member=dataclasses.replace(found.member, root=roots.fillet))
+    moved = dataclasses.replace(scan, cloud=scan.cloud.replaced(points=squared(scan.cloud.points, found.member, roots)))
+    again = _sharp(moved, dataclasses.replace(options, family=found.member.family), fixed, nominal, covers)
+    if not again.explains and found.explains:
+        return found
+    root = roots_of(_checked(scan), again.member, options.seed).fillet
+    return dataclasses.replace(again, member=dataclasses.replace(again.member, root=root, families=found.member.families))
+
+
+def _sharp(scan: Scan, options: MemberOptions, fixed: Mapping[str, float] | None, nominal: Mapping[str, float] | None, covers: Covers) -> MemberFit:
+    """`fit_member` of sections with sharp corners."""
     points = _checked(scan)
     section_fixed = {name: value for name, value in (fixed or {}).items() if name != "length"}
     families = _families(options, section_fixed)

@@ -31,7 +31,9 @@ CHAMFER_ERROR = 0.062  # of the radius of a fillet: where its chamfer ends, 1 - 
 class SolidOptions:
     """How a fitted member becomes a solid."""
 
-    root_radius_m: float = option(0.0, "radius of the root fillets (of RHS: of the outer corners); 0 leaves the corners sharp", unit="m", minimum=0.0)
+    root_radius_m: float | None = option(
+        None, "radius of the root fillets (of RHS: of the outer corners), 0 for sharp corners; as the points tell without it", unit="m", minimum=0.0
+    )
     chord_m: float | None = option(
         None, "how far straight strips may leave a bent or twisted member; from its noise and its thinnest wall without it", unit="m", minimum=0.0
     )
@@ -65,7 +67,7 @@ def solid_of(member: Member, options: SolidOptions = SolidOptions()) -> Solid:
     """
     sweep = sweep_of(member)
     values = member.values()
-    shape = outline(member.family, values, options.root_radius_m)
+    shape = outline(member.family, values, root_radius(member, options))
     wall = thinnest_wall(values)
     n = options.n_chords or _n_chords(values, sweep.length_m, member.sigma_m)
     loops = _polygons(shape, n)
@@ -85,6 +87,11 @@ def solid_of(member: Member, options: SolidOptions = SolidOptions()) -> Solid:
         loops=tuple(points for points, _ in loops),
         loop_names=tuple(of for _, of in loops),
     )
+
+
+def root_radius(member: Member, options: SolidOptions) -> float:
+    """The radius of its root fillets, metres: as it was given, else as the points tell."""
+    return member.root.radius_m if options.root_radius_m is None else options.root_radius_m
 
 
 def swept(member: Member, options: SolidOptions = SolidOptions()) -> TriangleMesh:

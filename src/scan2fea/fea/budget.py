@@ -24,6 +24,7 @@ from scan2fea.types import FloatArray, Material, Member, Value
 
 N_ELEMENTS = 12  # of the beam whose frequencies are found for each sample: the first three within 0.1 %
 N_FREQUENCIES = 4
+ROOT = "r"  # the radius of the root fillets, beside the dimensions
 _STEP_SD, _LEAST_STEP = 1.0, 1e-3  # of the fit: one standard deviation, at least that share of a dimension
 _MOST_STEP = 0.2  # of a dimension: a wall that is hardly known must not become negative
 
@@ -63,14 +64,19 @@ def _told(p: SectionProperties, material: Material, length_m: float, force_n: fl
     return out | {f"f{k + 1}_hz": float(f) for k, f in enumerate(hertz[6:])}
 
 
-def budget(member: Member, material: Material, force_n: float, root_radius_m: float, n_samples: int, seed: int) -> Budget:
+def budget(member: Member, material: Material, force_n: float, n_samples: int, seed: int) -> Budget:
     """The response of a member with its standard deviations. Raises UsageError where its dimensions make no section."""
-    names = [p.name for p in member.parameters]
+    names, n = [p.name for p in member.parameters], len(member.parameters)
     vague = np.array([0.0 if p.observable else p.spread_m or 0.0 for p in member.parameters])
     covariance = np.asarray(member.covariance, float) + np.diag(vague**2)
     centre = np.array([p.value_m for p in member.parameters])
+    if member.root.std_m > 0:
+        names, vague, centre = [*names, ROOT], np.r_[vague, 0.0], np.r_[centre, member.root.radius_m]
+        covariance = np.pad(covariance, (0, 1))
+        covariance[n, n] = member.root.std_m**2
     std = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
-    model = _SectionModel(member.family, dict(zip(names, centre.tolist(), strict=True)), dict(zip(names, std.tolist(), strict=True)), root_radius_m)
+    held = {ROOT: member.root.radius_m, **dict(zip(names, centre.tolist(), strict=True))}
+    model = _SectionModel(member.family, held, dict(zip(names, std.tolist(), strict=True)))
     length = names.index("length")
 
     def response(values: FloatArray) -> dict[str, float]:
@@ -80,7 +86,7 @@ def budget(member: Member, material: Material, force_n: float, root_radius_m: fl
     first = _first_order(response, centre, covariance, std, told)
     drawn: list[dict[str, float]] = []
     if n_samples and std.any():
-        near = NearBeams(model(member.values()), material, float(centre[length]), N_ELEMENTS)
+        near = NearBeams(model(held), material, float(centre[length]), N_ELEMENTS)
 
         def sampled(values: FloatArray) -> dict[str, float]:
             p, length_m = model(dict(zip(names, values.tolist(), strict=True))), float(values[length])
@@ -138,15 +144,16 @@ class _SectionModel:
     dimensions, through the exact figures at the estimate.
     """
 
-    def __init__(self, family: str, values: Mapping[str, float], std: Mapping[str, float], root_radius_m: float) -> None:
-        self._names = [name for name in PARAMETERS[family] if std.get(name, 0.0) > 0]
-        self._family, self._values = family, {name: values[name] for name in PARAMETERS[family]}
-        self._exact = properties_of(family, self._values, root_radius_m)
+    def __init__(self, family: str, values: Mapping[str, float], std: Mapping[str, float]) -> None:
+        self._names = [name for name in (*PARAMETERS[family], ROOT) if std.get(name, 0.0) > 0]
+        self._family, self._values = family, {name: values[name] for name in (*PARAMETERS[family], ROOT)}
+        self._exact = properties_of(family, self._values, self._values[ROOT])
         if not self._names:
             return
         step = [min(max(_STEP_SD * std[n] / values[n], _LEAST_STEP), _MOST_STEP) for n in self._names]
         offsets = _design(len(step)) * np.log1p(np.array(step))
-        rows = [self._row(properties_of(family, self._moved(x), root_radius_m, level=0)) for x in offsets]
+        moved = [self._moved(x) for x in offsets]
+        rows = [self._row(properties_of(family, values, values[ROOT], level=0)) for values in moved]
         change = np.array(rows) - rows[0]
         self._factors = np.linalg.lstsq(_terms(offsets), change, rcond=None)[0]
         self._base = self._row(self._exact)

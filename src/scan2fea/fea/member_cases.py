@@ -63,7 +63,6 @@ def member_cases(
     system: System,
     shared: Shared | None,
     member: Member,
-    root_radius_m: float,
     rows: Sequence[CaseResult],
     options: FeaOptions,
     shapes: FloatArray,
@@ -74,8 +73,8 @@ def member_cases(
     Raises SolveError.
     """
     values = member.values()
-    p = properties_of(member.family, {n: values[n] for n in PARAMETERS[member.family]}, root_radius_m)
-    found = budget(member, model.material, options.test_force_n, root_radius_m, options.n_samples, options.seed)
+    p = properties_of(member.family, {n: values[n] for n in PARAMETERS[member.family]}, member.root.radius_m)
+    found = budget(member, model.material, options.test_force_n, options.n_samples, options.seed)
     is_slender = values["length"] >= SLENDER * 2 * float(p.reach.max())
     numbers = _beam_modes(model, np.asarray(member.T_world_member)[:3, :2], shapes)
     out = _with_theory(rows, p, model.material, values["length"], found, options.test_force_n, is_slender, numbers)

@@ -99,7 +99,7 @@ def _tree(model: FEModel, system: System, member: Member | None) -> Tree:
     return dissect_before(nodes, np.array(system.indptr), np.array(system.indices), wanted)
 
 
-def solve(model: FEModel, options: FeaOptions = FeaOptions(), member: Member | None = None, root_radius_m: float = 0.0) -> FEResult:
+def solve(model: FEModel, options: FeaOptions = FeaOptions(), member: Member | None = None) -> FEResult:
     """Self weight and the user's cases on the supports, the modes of the free body, and of a member the cases that have closed forms.
 
     Cases: `self_weight` (displacement_max_m; reaction_n against rho g times the volume inside the surface; strain_energy_j from the strains against
@@ -131,7 +131,7 @@ def solve(model: FEModel, options: FeaOptions = FeaOptions(), member: Member | N
             failed["calculix"] = str(error)
     if member is not None:
         try:
-            cases, more = member_cases(model, system, shared, member, root_radius_m, cases, options, shapes)
+            cases, more = member_cases(model, system, shared, member, cases, options, shapes)
             fields += more
         except SolveError as error:
             failed["member"] = str(error)

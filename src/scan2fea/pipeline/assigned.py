@@ -16,10 +16,11 @@ from scan2fea.estimation.table import Table
 from scan2fea.io.files import existing_file
 from scan2fea.kernel.distances import sample_surface
 from scan2fea.kernel.measures import volume
-from scan2fea.kernel.sections import PARAMETERS, section, section_area
+from scan2fea.kernel.outline import outline, outline_area
+from scan2fea.kernel.sections import PARAMETERS
 from scan2fea.pipeline.known import KnownObject
 from scan2fea.pipeline.route import KnownSection
-from scan2fea.types import FloatArray, PointCloud, Scan
+from scan2fea.types import FloatArray, Member, PointCloud, Scan
 
 NOMINAL_POINTS = 8_000  # drawn from a nominal part: exact points, the fit is then good to micrometres
 NOMINAL_VOLUME = 0.05  # what fillets may add to the section without; more is a part that is no member
@@ -68,12 +69,12 @@ def _of_nominal(path: Path, seed: int) -> tuple[str, dict[str, float]]:
     except EstimationError as error:
         raise EstimationError(f"{no_member}: {error}") from error
     require(found.explains, EstimationError, f"{no_member}: {found.reason}")
-    values = found.member.values()
-    return found.member.family, _same_volume(values, found.member.family, volume(mesh), no_member)
+    return found.member.family, _same_volume(found.member, volume(mesh), no_member)
 
 
-def _same_volume(values: dict[str, float], family: str, drawn_m3: float, no_member: str) -> dict[str, float]:
-    made = section_area(section(family, values)) * values["length"]
+def _same_volume(member: Member, drawn_m3: float, no_member: str) -> dict[str, float]:
+    values = member.values()
+    made = outline_area(outline(member.family, values, member.root.radius_m)) * values["length"]
     says = f"{no_member}: it encloses {drawn_m3:.6g} m3, the likeliest member {made:.6g} m3"
     require(abs(made - drawn_m3) <= NOMINAL_VOLUME * drawn_m3, EstimationError, says)
     return values

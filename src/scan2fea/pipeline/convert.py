@@ -105,14 +105,13 @@ def _solved(
     model = record("model", build_model, tets, options=config.fea, extra=number, n_in=n, count=lambda m: len(m.node_sets), keep=False)
     made.model = model.value
     source: list[Tracked[Any]] = [model] if member is None or member.value.bends else [model, member]  # bends have no closed forms
-    radius = {"root_radius_m": config.solid.root_radius_m}
-    solved = record("solve", _solve, *source, options=config.fea, extra=radius, n_in=len(tets.value.tets), count=lambda r: r.n_dof)
+    solved = record("solve", _solve, *source, options=config.fea, n_in=len(tets.value.tets), count=lambda r: r.n_dof)
     return model.value, solved.value
 
 
-def _solve(model: FEModel, *rest: Any, root_radius_m: float) -> FEResult:
+def _solve(model: FEModel, *rest: Any) -> FEResult:
     *member, options = rest
-    return solve(model, options, member[0] if member else None, root_radius_m)
+    return solve(model, options, member[0] if member else None)
 
 
 def _surface(made: Made, source: Tracked[Part], config: Config, record: Record) -> tuple[Tracked[TriangleMesh], Tracked[TriangleMesh]]:

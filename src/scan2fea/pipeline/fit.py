@@ -64,7 +64,7 @@ def fit_file(path: Path, config: Config) -> FittedFile:
     drawings = [one.step for one in known if one.step and not one.family]
     require(not drawings, UsageError, f"{', '.join(drawings)}: is no drawing of a straight member; `run` compares the part with it")
     named = assigned(known, {1: scan.cloud.points}, shift)
-    found = estimate(scan, config.estimation, config.route, own_section(named, 1))
+    found = estimate(scan, config.estimation, config.route, own_section(named, 1), root_radius_m=config.solid.root_radius_m)
     return FittedFile(raw=raw, found=found, member=found.shown, shift_m=shift)
 
 
@@ -93,7 +93,8 @@ def _fitted(scene: Scene, config: Config) -> tuple[FittedObject, ...]:
     found = []
     for part in parts_of(scene, segments, chosen, config):
         known = own_section(config.object, part.id)
-        own = estimate(part.scan, config.estimation, config.route, known, part.doubt, part.footings, part.strips, part.covers)
+        around = (part.doubt, part.footings, part.strips, part.covers)
+        own = estimate(part.scan, config.estimation, config.route, known, *around, root_radius_m=config.solid.root_radius_m)
         found.append(FittedObject(id=part.id, n_points=len(part.scan.cloud), found=own))
     return tuple(found)
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from scan2fea.estimation.given import Given
+from scan2fea.estimation.root_fillet import OPEN
 from scan2fea.types import Member
+from scan2fea.units import MILLIMETRES_PER_METRE
 
 
 def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Given] = ()) -> dict[str, Any]:
@@ -28,6 +31,14 @@ def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Giv
         "family": member.family,
         "families": dict(member.families),
         "parameters": parameters,
+        "root": {
+            "radius_m": member.root.radius_m,
+            "std_m": member.root.std_m or None,
+            "observable": member.root.is_observable,
+            "source": member.root.source,
+            "most_m": member.root.most_m,
+            "toe_m": member.root.toe_m,
+        },
         "covariance_m2": np.asarray(member.covariance).tolist(),
         "catalogue": [
             {"name": e.name, "probability": e.probability, "parameters_m": dict(e.parameters), "offset_m": e.offset_m} for e in member.catalogue
@@ -80,6 +91,18 @@ def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Giv
             for d in member.damage
         ],
     }
+
+
+def rooted(member: Member) -> str:
+    """The root fillets that the solid has though no dimension of the section says so, or that it may lack."""
+    root = member.root
+    if root.radius_m:
+        std = f" +- {root.std_m * MILLIMETRES_PER_METRE:.2g}" if root.std_m else ""
+        return f"; with root fillets of {root.radius_m * MILLIMETRES_PER_METRE:.4g}{std} mm" + (" as given" if root.source == "fixed" else "")
+    if member.family not in OPEN or root.is_observable or root.source == "fixed":
+        return ""
+    most = f"; they have at most {root.most_m * MILLIMETRES_PER_METRE:.2g} mm" if math.isfinite(root.most_m) else ""
+    return f"; root fillets are not observable, built with sharp corners{most}"
 
 
 def _change_row(member: Member) -> dict[str, Any] | None:

@@ -33,7 +33,7 @@ from scan2fea.kernel.pipe_path import pipe_path
 from scan2fea.kernel.sections import PARAMETERS, ROUND
 from scan2fea.options import option
 from scan2fea.pipeline.dimension_doubt import PoseDoubt, coarsened, widened
-from scan2fea.types import FloatArray, Footing, Member, PointCloud, Route, Scan, Value
+from scan2fea.types import FloatArray, Footing, Member, PointCloud, RootFillet, Route, Scan, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 ESTIMATION, RECONSTRUCTION = "estimation", "reconstruction"
@@ -114,15 +114,21 @@ def estimate(
     footings: Sequence[Footing] = (),
     strips: Sequence[FloatArray] = (),
     covers: Sequence[FloatArray] = (),
+    root_radius_m: float | None = None,
 ) -> Estimate:
     """The member of the points, with its catalogue and damage. A bad designation or table raises; an object that is no member does not.
 
     known : of this object alone, in place of `route.member`.   doubt : of the places that its points, by `frame`, were measured from.
     footings : planes that the object may rest on.   strips : (k, 3) points of thin objects beside it.   covers : of all others.
+    root_radius_m : of its fillets, where it is given.
     A pipe with elbows is a member of its points laid out straight; what it rests on or was covered by is not asked there.
     """
     pipe = None if doubt.between_m > 0 else _with_elbows(scan, options, route, known)
-    return pipe or _straight(scan, options, route, known, doubt, footings, strips, covers)
+    found = pipe or _straight(scan, options, route, known, doubt, footings, strips, covers)
+    if root_radius_m is None or found.member is None:
+        return found
+    given = RootFillet(radius_m=root_radius_m, most_m=root_radius_m, source="fixed")
+    return replace(found, member=replace(found.member, root=given))
 
 
 def _with_elbows(scan: Scan, options: MemberOptions, route: RouteOptions, known: KnownSection | None) -> Estimate | None:

@@ -66,7 +66,7 @@ def _parameters(member: Row) -> dict[str, Row]:
 
 
 def _dimensions(member: Row) -> Html:
-    parameters = _parameters(member)
+    parameters = _with_root(_parameters(member), member.get("root"))
     if not parameters:
         return NOTHING
     known = [float(row["std_m"]) for row in parameters.values() if is_number(row.get("std_m"))]
@@ -83,6 +83,13 @@ def _dimensions(member: Row) -> Html:
     classes = ["" if row.get("observable", True) else "prior" for row in parameters.values()]
     note = tag("p", f"Error bars: one standard deviation, the longest {number(widest * MILLIMETRES_PER_METRE, 2)} mm.") if widest > 0 else NOTHING
     return joined((table(("dimension", "value", "error bar", "from"), rows, row_classes=classes), note))
+
+
+def _with_root(parameters: dict[str, Row], root: object) -> dict[str, Row]:
+    """The dimensions, and the radius of root fillets where the points tell one or it was given."""
+    if not (parameters and isinstance(root, Mapping) and is_number(root.get("radius_m")) and root["radius_m"] > 0):
+        return parameters
+    return {**parameters, "r (root)": {**root, "value_m": root["radius_m"], "observable": True}}
 
 
 def _error_bar(std: float | None, widest: float) -> Html:

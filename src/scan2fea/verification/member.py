@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
+from scan2fea.kernel.outline import outline, outline_area
 from scan2fea.kernel.pinned import SEEN
-from scan2fea.kernel.sections import section, section_area, section_area_slopes
+from scan2fea.kernel.sections import section_area_slopes
 from scan2fea.types import Check, Member
 from scan2fea.verification.limits import at_least, at_most, holds
 
@@ -102,14 +103,17 @@ def _is_standard(member: Member) -> bool:
 def relative_volume_std(member: Member) -> float:
     """Standard deviation of section area x length over its value, from the covariance of the dimensions; what is not observable does not count."""
     values = member.values()
-    area, by_dimension = section_area(section(member.family, values)), section_area_slopes(member.family, values)
+    shape, by_dimension = outline(member.family, values, member.root.radius_m), section_area_slopes(member.family, values)
+    area, n_roots = outline_area(shape), sum(name.startswith("ROOT") for name in shape.names)
+    by_root = 2 * (1 - math.pi / 4) * n_roots * member.root.radius_m * member.root.std_m * values["length"]
+    by_toes = 2 * (1 - math.pi / 4) * member.root.toe_m**2 * values["length"]  # which are round, and the solid's are not
     by_parameter = np.array([area if p.name == "length" else values["length"] * by_dimension[p.name] for p in member.parameters])
-    return math.sqrt(max(float(by_parameter @ member.covariance @ by_parameter), 0.0)) / (area * values["length"])
+    return math.hypot(math.sqrt(max(float(by_parameter @ member.covariance @ by_parameter), 0.0)), by_root, by_toes) / (area * values["length"])
 
 
 def assumed_volume_std(member: Member) -> float:
     """Standard deviation of the volume over its value from what stands in for dimensions that are not observable, each by itself."""
     values = member.values()
-    area, slopes = section_area(section(member.family, values)), section_area_slopes(member.family, values)
+    area, slopes = outline_area(outline(member.family, values, member.root.radius_m)), section_area_slopes(member.family, values)
     parts = [slopes[p.name] * p.spread_m for p in member.parameters if not p.observable and p.spread_m and p.name in slopes]
     return math.sqrt(sum(part**2 for part in parts)) / area

@@ -1,0 +1,280 @@
+"""The radius of the root fillets of a rolled member, from the points near the corners that its sharp section leaves re-entrant.
+
+In each corner the distances of the points to the two faces, and to the arc between them, are noise, about where the faces lie there; some points are
+strays. How densely the points lie has no say: near corners one face shades the other, and a face that begins late would pass for a large arc.
+All corners of a member share the radius (EN 10365, EN 10056-1 and EN 10055 state one). The inner corners of an angle's toes are rounded too.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.polynomial.legendre import legval
+from scipy.special import chdtri
+
+from scan2fea.estimation.observability import RESOLVED
+from scan2fea.estimation.swept import Sweep, sweep_of_member
+from scan2fea.kernel.noise import sampled_rows
+from scan2fea.kernel.sections import edge_names, section, section_area
+from scan2fea.types import FloatArray, IntArray, Member, RootFillet, Value
+
+OPEN, WALLS = ("L", "I", "C", "T"), ("t", "tw", "tf")
+LEAST = 0.1  # of the thicker wall: no rolled shape of sections.csv has less (W14X873: 0.107)
+_OF_LEG, _OF_WALL = 0.45, 4.5  # at most, of the free leg and of the thinner wall (sections.csv: UPN 30 has 0.41, M3X2.9 4.1)
+_OF_TOE = 0.75  # of the leg at most is round at its toe (EN 10056-1: half the root radius, up to 0.6)
+_WINDOW, _OF_WINDOW = 1.6, 0.8  # times the largest radius, and of the free leg at most: some of both faces beyond the arc belongs to it
+_SIGMAS = 4.0
+_CORNER_POINTS, _FEW_POINTS, _FEWEST = 3_000, 400, 30
+_CHANCE = 1e-6  # that points of a sharp corner are so much likelier under an arc
+_CLEAR = 3.0  # standard deviations of the radius from none
+_LEVER = (0.5 - 1 / math.pi) / (2 - 6 / math.pi)  # by how much the radius grows where one face lies deeper by one: least squares over the arc
+_SAGITTA = 1 - 1 / math.sqrt(2)  # of the radius: how deep an arc lies; less than the noise is no arc
+_FEWEST_STRAYS, _MOST_STRAYS = 1e-3, 0.5
+_RADII, _SETTLES, _TIMES, _FINER, _DOUBLINGS = 20, 6, 3, 1e-3, 12
+FILLET = 1 - math.pi / 4  # of the square of the radius: the area of a fillet in a right angle
+_NOTHING = 0.01  # of the section: fillets that add less are none
+_FLOOR = 1e-3  # of the window: less noise tells no more
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Roots(Value):
+    """fillet : what the points tell of it.   places : (k, 2) rounded corners as the points beside them have it, in the section's frame.
+
+    ways : (k, 2, 2) the directions along the two faces of each, away from it.   radii : (k,) metres.
+    """
+
+    fillet: RootFillet
+    places: FloatArray
+    ways: FloatArray
+    radii: FloatArray
+
+
+def roots_of(points: FloatArray, member: Member, seed: int = 0) -> Roots:
+    """The root radius that the points (n, 3), metres, are likeliest with, and that of an angle's toes where it has one.
+
+    Members without re-entrant corners, or that change, have none.
+    """
+    nothing = Roots(fillet=RootFillet(), places=np.zeros((0, 2)), ways=np.zeros((0, 2, 2)), radii=np.zeros(0))
+    if member.family not in OPEN or member.change is not None:
+        return nothing
+    wall = min(p.value_m for p in member.parameters if p.name in WALLS)
+    if wall <= RESOLVED * member.sigma_m:
+        return nothing
+    local = sweep_of_member(member).coordinates(points)
+    margin = _SIGMAS * member.sigma_m
+    xy = local[(local[:, 2] > margin) & (local[:, 2] < member.values()["length"] - margin), :2]
+    leg = _free_leg(member)
+    found = _arcs(xy, member, _frames(member), min(_OF_LEG * leg, _OF_WALL * wall), leg, seed)
+    if found is None:
+        return nothing
+    if member.family != "L" or not found.fillet.radius_m:
+        return found
+    toes = _arcs(xy, member, _toe_frames(member), _OF_TOE * wall, wall, seed)
+    if toes is None or not toes.fillet.radius_m:
+        return found
+    fillet = replace(found.fillet, toe_m=toes.fillet.radius_m)
+    places, ways, radii = (np.concatenate(both) for both in ((found.places, toes.places), (found.ways, toes.ways), (found.radii, toes.radii)))
+    return Roots(fillet=fillet, places=places, ways=ways, radii=radii)
+
+
+def _arcs(xy: FloatArray, member: Member, frames: tuple[FloatArray, FloatArray], largest: float, leg: float, seed: int) -> Roots | None:
+    """The radius up to the `largest` that all corners of the frames share; None where hardly a point lies there. leg : of their shortest face."""
+    walls = [p for p in member.parameters if p.name in WALLS]
+    wall = min(p.value_m for p in walls)
+    window = min(_WINDOW * largest + _SIGMAS * member.sigma_m, _OF_WINDOW * leg)
+    places, ways = frames
+    near = _in_corners(xy, frames, window, wall, seed)
+    told = [k for k, uv in enumerate(near) if len(uv) >= _FEWEST]
+    sigma, is_clear = max(member.sigma_m, _FLOOR * window), wall > _SIGMAS * member.sigma_m
+    corners = [_Corner(uv=near[k], sigma=sigma, window=window, is_clear=is_clear) for k in told]
+    if not corners:
+        return None
+    few = [corner.thinned() for corner in corners]
+    radii = np.linspace(0.0, largest, _RADII + 1)
+    best, step = float(radii[np.argmax([_score(few, r) for r in radii])]), largest / _RADII
+    for _ in range(_TIMES):
+        corners = [corner.settled_at(best) for corner in corners]
+        best = _climbed(corners, max(best - step, 0.0), best + step)
+    top, sharp = _score(corners, best), _score(corners, 0.0)
+    best, top = (best, top) if top > sharp else (0.0, sharp)
+    below, above, most = (_within(corners, best, top, limit) for limit in (-2.0, 2.0, _CLEAR**2 / 2))
+    each = float(np.linalg.norm([corner.place_std for corner in corners])) / len(corners)
+    std = math.hypot((above - below) / 4, _LEVER * each, *(_LEVER * (p.std_m or 0.0) for p in walls))
+    for k, corner in zip(told, corners, strict=True):
+        places[k] += corner.shift @ ways[k]
+    least = max(_CLEAR * std, LEAST * max(p.value_m for p in walls), max(corner.sigma for corner in corners) / _SAGITTA)
+    if 2 * (top - sharp) > chdtri(1, _CHANCE) and best > least:
+        fillet = RootFillet(radius_m=best, std_m=std, is_observable=True, most_m=most)
+        return Roots(fillet=fillet, places=places, ways=ways, radii=np.full(len(places), best))
+    most = max(most, least)
+    is_nothing = len(corners) * FILLET * most**2 < _NOTHING * section_area(section(member.family, member.values()))
+    return Roots(fillet=RootFillet(is_observable=is_nothing, most_m=most), places=places, ways=ways, radii=np.zeros(len(places)))
+
+
+def squared(points: FloatArray, member: Member, roots: Roots) -> FloatArray:
+    """(n, 3) the points as a scan of the same member with sharp corners would have them: each keeps its distance from the surface.
+
+    What lies at an angle on an arc comes to lie on the nearer of its two faces, as far along as the angle has gone; all else stays where it is.
+    """
+    sweep = sweep_of_member(member)
+    local = sweep.coordinates(points)
+    wall = min(p.value_m for p in member.parameters if p.name in WALLS)
+    moved = np.array(points)
+    for place, ways, radius_m in zip(roots.places, roots.ways, roots.radii, strict=True):
+        uv = (local[:, :2] - place) @ ways.T
+        near = np.flatnonzero((uv > -wall / 2).all(axis=1) & (uv < radius_m).all(axis=1))
+        left = radius_m - uv[near]
+        off = radius_m - np.hypot(*left.T)  # towards the centre
+        angle = np.arctan2(left.min(axis=1), left.max(axis=1)) / (math.pi / 4)  # 0 where the arc begins, 1 in its middle
+        along = off + (radius_m - off) * (1 - angle)
+        is_first = left[:, 0] < left[:, 1]  # near the face that runs along the first way
+        to = np.where(is_first[:, None], np.stack([along, off], axis=1), np.stack([off, along], axis=1))
+        moved[near] += _in_world(sweep, local[near, 2], (to - uv[near]) @ ways)
+    return moved
+
+
+def _in_world(sweep: Sweep, z: FloatArray, way: FloatArray) -> FloatArray:
+    """(n, 3) the directions (n, 2) of the section at heights z (n,)."""
+    roll = legval((2 * z - sweep.span[0] - sweep.span[1]) / (sweep.span[1] - sweep.span[0]), sweep.roll)
+    cos, sin = np.cos(roll), np.sin(roll)
+    turned = np.stack([cos * way[:, 0] - sin * way[:, 1], sin * way[:, 0] + cos * way[:, 1]], axis=1)
+    return np.asarray(turned @ sweep.T_world_frame[:3, :2].T)
+
+
+def _free_leg(member: Member) -> float:
+    """The shortest face beside a re-entrant corner, metres; of one with such a corner at either end, half."""
+    shape = section(member.family, member.values()).loops[0]
+    is_root = _is_root(shape)
+    length = np.linalg.norm(np.roll(shape, -1, axis=0) - shape, axis=1)
+    ends = is_root.astype(int) + np.roll(is_root, -1)
+    return float((length / np.maximum(ends, 1))[ends > 0].min())
+
+
+def _is_root(loop: FloatArray) -> FloatArray:
+    """(k,) whether the section is re-entrant at a corner of its outline (k, 2)."""
+    after = np.roll(loop, -1, axis=0) - loop
+    before = np.roll(after, 1, axis=0)
+    return np.asarray(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0] < 0)
+
+
+def _frames(member: Member) -> tuple[FloatArray, FloatArray]:
+    """Per re-entrant corner its place (k, 2) in the section and the directions (k, 2, 2) along its faces away from it."""
+    loop = section(member.family, member.values()).loops[0]
+    return _at_corners(loop, np.flatnonzero(_is_root(loop)))
+
+
+def _toe_frames(member: Member) -> tuple[FloatArray, FloatArray]:
+    """The same for the inner corners of an angle's toes."""
+    names = edge_names("L")[0]
+    return _at_corners(section("L", member.values()).loops[0], np.array([names.index("A_INNER"), names.index("B_TOE")]))
+
+
+def _at_corners(loop: FloatArray, at: IntArray) -> tuple[FloatArray, FloatArray]:
+    after = np.roll(loop, -1, axis=0) - loop
+    after /= np.linalg.norm(after, axis=1)[:, None]
+    before = np.roll(after, 1, axis=0)
+    return loop[at], np.stack([-before[at], after[at]], axis=1)
+
+
+def _in_corners(xy: FloatArray, frames: tuple[FloatArray, FloatArray], window: float, wall: float, seed: int) -> list[FloatArray]:
+    """Per corner the points (k, 2) along and off its faces, from half a wall on one side to the window on the other."""
+    out = []
+    for place, ways in zip(*frames, strict=True):
+        uv = (xy - place) @ ways.T
+        uv = uv[(uv > -wall / 2).all(axis=1) & (uv < window).all(axis=1)]
+        out.append(uv[sampled_rows(len(uv), _CORNER_POINTS, seed)])
+    return out
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Corner(Value):
+    """uv : (k, 2) points.   sigma : noise.   strays : share of the points.   window : how far its faces are looked at.
+
+    is_clear : whether its points may tell where its faces lie; of thin walls some are points of the other side.   shift : (2,) of the faces
+    from where the section has them.   place_std : (2,) of that.
+    """
+
+    uv: FloatArray
+    sigma: float
+    window: float
+    is_clear: bool
+    strays: float = 0.05
+    shift: FloatArray = field(default_factory=lambda: np.zeros(2))
+    place_std: FloatArray = field(default_factory=lambda: np.zeros(2))
+
+    def thinned(self) -> _Corner:
+        return replace(self, uv=self.uv[:: math.ceil(len(self.uv) / _FEW_POINTS)])
+
+    def off(self, radius: float) -> FloatArray:
+        """(k,) distance to the faces from where the arc of a radius begins, or to that arc; under noise the points of an arc lie farther from its
+        centre than it does by sigma^2 / 2 r in the mean.
+        """
+        u, v = self.uv.T
+        to_faces = np.minimum(np.hypot(np.minimum(u - radius, 0.0), v), np.hypot(np.minimum(v - radius, 0.0), u))
+        if radius <= 0:
+            return np.asarray(to_faces)
+        is_within = (u < radius) & (v < radius)
+        return np.asarray(np.where(is_within, np.abs(np.hypot(radius - u, radius - v) - radius - self.sigma**2 / (2 * radius)), to_faces))
+
+    def densities(self, radius: float) -> tuple[FloatArray, FloatArray]:
+        """(k,) across the surface, of its points and of strays, per m."""
+        own = (1 - self.strays) / (self.sigma * math.sqrt(2 * math.pi)) * np.exp(-0.5 * np.square(self.off(radius) / self.sigma))
+        return np.asarray(own), np.full(len(own), self.strays / self.window)
+
+    def log_likelihood(self, radius: float) -> float:
+        own, stray = self.densities(radius)
+        return float(np.log(own + stray).sum())
+
+    def settled_at(self, radius: float) -> _Corner:
+        """The corner between its faces as they lie here, under the noise that its own points have about them and about the arc of a radius."""
+        here = self
+        for _ in range(_SETTLES):
+            own, stray = here.densities(radius)
+            whose = own / (own + stray)
+            sigma = max(math.sqrt(float(whose @ np.square(here.off(radius)) / whose.sum())), _FLOOR * self.window)
+            here = replace(here, sigma=sigma, strays=float(np.clip(1 - whose.mean(), _FEWEST_STRAYS, _MOST_STRAYS)))
+            if not self.is_clear:
+                continue
+            u, v = here.uv.T
+            on = np.stack([whose * ((v > radius) & (np.abs(u) < v)), whose * ((u > radius) & (np.abs(v) < u))])
+            n = np.maximum(on.sum(axis=1), 1.0)
+            shift = (on * here.uv.T).sum(axis=1) / n
+            here = replace(here, uv=here.uv - shift, shift=here.shift + shift, place_std=sigma / np.sqrt(n))
+        return here
+
+
+def _score(corners: list[_Corner], radius: float) -> float:
+    return sum(corner.log_likelihood(radius) for corner in corners)
+
+
+def _climbed(corners: list[_Corner], low: float, high: float) -> float:
+    """The likeliest radius between two, by golden section."""
+    golden = (math.sqrt(5) - 1) / 2
+    x, y = high - golden * (high - low), low + golden * (high - low)
+    fx, fy = _score(corners, x), _score(corners, y)
+    finest = _FINER * high
+    while high - low > finest:
+        if fx > fy:
+            high, y, fy = y, x, fx
+            x = high - golden * (high - low)
+            fx = _score(corners, x)
+        else:
+            low, x, fx = x, y, fy
+            y = low + golden * (high - low)
+            fy = _score(corners, y)
+    return (low + high) / 2
+
+
+def _within(corners: list[_Corner], best: float, top: float, limit: float) -> float:
+    """How far the radius may go up (down for a limit < 0) until the log likelihood has lost the limit, as a radius; that of a parabola."""
+    step = math.copysign(_FINER * max(best, corners[0].window / 10), limit)
+    for _ in range(_DOUBLINGS):
+        if best + step <= 0 or best + step >= corners[0].window:
+            break
+        lost = top - _score(corners, best + step)
+        if lost >= abs(limit):
+            return best + step * math.sqrt(abs(limit) / lost)
+        step *= 2
+    return best + step

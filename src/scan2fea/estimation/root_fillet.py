@@ -31,6 +31,7 @@ _CHANCE = 1e-6  # that points of a sharp corner are so much likelier under an ar
 _CLEAR = 3.0  # standard deviations of the radius from none
 _LEVER = (0.5 - 1 / math.pi) / (2 - 6 / math.pi)  # by how much the radius grows where one face lies deeper by one: least squares over the arc
 _SAGITTA = 1 - 1 / math.sqrt(2)  # of the radius: how deep an arc lies; less than the noise is no arc
+_PARALLEL, _STEEPEST = 0.03, 0.2  # slopes: EN 10034 lets a flange lean by 2 % of its width, IPN have 14 %, UPN 5 and 8 %
 _FEWEST_STRAYS, _MOST_STRAYS = 1e-3, 0.5
 _RADII, _SETTLES, _TIMES, _FINER, _DOUBLINGS = 20, 6, 3, 1e-3, 12
 FILLET = 1 - math.pi / 4  # of the square of the radius: the area of a fillet in a right angle
@@ -105,10 +106,11 @@ def _arcs(xy: FloatArray, member: Member, frames: tuple[FloatArray, FloatArray],
     for k, corner in zip(told, corners, strict=True):
         places[k] += corner.shift @ ways[k]
     least = max(_CLEAR * std, LEAST * max(p.value_m for p in walls), max(corner.sigma for corner in corners) / _SAGITTA)
-    if 2 * (top - sharp) > chdtri(1, _CHANCE) and best > least:
+    slope = _slope(corners, ways[told], best)
+    if 2 * (top - sharp) > chdtri(1, _CHANCE) and best > least and slope <= _PARALLEL:
         fillet = RootFillet(radius_m=best, std_m=std, is_observable=True, most_m=most)
         return Roots(fillet=fillet, places=places, ways=ways, radii=np.full(len(places), best))
-    most = max(most, least)
+    most = max(most, least) if slope <= _PARALLEL else math.inf
     is_nothing = len(corners) * FILLET * most**2 < _NOTHING * section_area(section(member.family, member.values()))
     return Roots(fillet=RootFillet(is_observable=is_nothing, most_m=most), places=places, ways=ways, radii=np.zeros(len(places)))
 
@@ -243,6 +245,26 @@ class _Corner(Value):
             shift = (on * here.uv.T).sum(axis=1) / n
             here = replace(here, uv=here.uv - shift, shift=here.shift + shift, place_std=sigma / np.sqrt(n))
         return here
+
+
+def _slope(corners: list[_Corner], ways: FloatArray, radius: float) -> float:
+    """How much the faces along x, or those along y, lean at least on the side of the arc (three standard deviations), over all corners.
+
+    ways : (k, 2, 2).
+    """
+    slopes: list[tuple[int, float, float]] = []
+    for corner, way in zip(corners, ways, strict=True):
+        for along, uv in enumerate((corner.uv, corner.uv[:, ::-1])):
+            far = uv[(uv[:, 0] > radius) & (np.abs(uv[:, 1]) < _SIGMAS * corner.sigma + _STEEPEST * (uv[:, 0] - radius))]
+            if len(far) >= _FEWEST:
+                x = far[:, 0] - far[:, 0].mean()
+                slopes.append((int(np.abs(way[along]).argmax()), float(x @ far[:, 1] / (x @ x)), float(x @ x) / corner.sigma**2))
+    leans = [0.0]
+    for axis in (0, 1):
+        own = np.array([row[1:] for row in slopes if row[0] == axis]).reshape(-1, 2)
+        if len(own):
+            leans.append(float(abs(own[:, 0] @ own[:, 1]) / own[:, 1].sum() - _CLEAR / math.sqrt(own[:, 1].sum())))
+    return max(leans)
 
 
 def _score(corners: list[_Corner], radius: float) -> float:

@@ -119,3 +119,19 @@ def test_skins_seen_from_opposite_stations_do_not_lie_off_each_other(seed):
     way *= 0.4 / np.linalg.norm(way)
     points, toward, frame = seen(part, [way, -way], 0.5 * wall, 0.2 * wall, seed)
     assert first_normals(points, toward, spacing(points), frame).between_m == 0.0
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_face_that_lines_of_sight_graze_keeps_its_side(seed):
+    """The flange of the judge's girder: 15 mm thick, points 5 mm apart, noise 1 mm, its top seen at a cosine of 0.02, the other side well.
+
+    Of its normals the few that leaned most had turned the others: 5 % were wrong, and walls that they led to had holes.
+    """
+    rng, h = np.random.default_rng(seed), 0.005
+    n = 30 * 100
+    top, under = (np.c_[0.15 * rng.random(n), 0.5 * rng.random(n), np.full(n, z)] for z in (0.0, -0.015))
+    points = np.r_[top, under] + 0.2 * h * rng.normal(size=(2 * n, 3))
+    stations = np.r_[np.tile([2.3, 0.2, 0.046], (n, 1)), np.tile([0.5, 0.2, -2.0], (n, 1))]
+    normals = first_normals(points, outer_side(points, stations, None), h)[0]
+    assert (normals[:n, 2] < 0).mean() < 0.015
+    assert (normals[n:, 2] > 0).mean() < 0.005

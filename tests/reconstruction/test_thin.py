@@ -60,3 +60,14 @@ def test_the_tails_of_a_blurred_face_are_not_preferred():
     assert abs(small[:, 2].std() / points[:, 2].std() - 1.0) < 4.0 / np.sqrt(2 * 20_000)
     counts = np.histogram2d(small[:, 0], small[:, 1], bins=20, range=[[0, 1], [0, 1]])[0]
     assert counts.std() < 0.8 * np.sqrt(counts.mean())  # more even than the cloud itself
+
+
+def test_a_face_square_to_the_axes_stays_in_its_place_wherever_it_lies():
+    """Cells square to it part one that lies at their border along its middle, and take as many points of the few beyond it."""
+    rng = np.random.default_rng(4)
+    sigma, n, levels = 0.0005, 4000, 12
+    level = rng.permutation(np.repeat(np.arange(levels), n))
+    points = np.c_[0.25 * rng.random((levels * n, 2)), 0.0131 * level + sigma * rng.normal(size=levels * n)]
+    row = thinned(Scan(cloud=PointCloud.of(points)), levels * n // 2).cloud.raw_index
+    off = points[row, 2] - 0.0131 * level[row]
+    assert all(abs(off[level[row] == k].mean()) < 0.1 * sigma for k in range(levels))

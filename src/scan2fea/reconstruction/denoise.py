@@ -34,6 +34,7 @@ NORMAL_RADIUS = 2.5  # spacings
 QUIET = 0.01  # of the spacing: noise below this is left alone
 NORMAL_ROUNDS, POINT_ROUNDS = 5, 3
 CLEAR = 0.3  # cosine of a sight line above which no noise of the normal hides the side
+SEEN = 0.4  # mean cosine (of either sign) of the sight lines about a point below which its own may be clear by noise alone
 NOT_FLAT = 0.1  # what a sight line counts where a patch is not flat: the plane through two faces is neither of them
 MIXED = 4.0  # a wall thinner than this many thicknesses of its sheets lets them overlap
 GRAZING = 0.15  # mean cosine of the sight lines below which a sheet's side is taken from the sheets that face it
@@ -104,7 +105,9 @@ def _settled(near: Near, normals: FloatArray, toward: FloatArray, sigma: float, 
     own = np.einsum("ij,ij->i", normals, toward)
     # where the noise mixes the two sheets of a wall they silence each other: there a point that sees its side clearly knows better
     mixed = wall_depth(near.points, normals, spacing_m, MIXED * thickness) < MIXED * thickness
-    clear = mixed & flat & (np.abs(own) >= CLEAR)
+    # where all lines graze a face the normals that lean most, and wrongly, would be the clearest
+    seen = np.add.reduceat(np.abs(own)[near.index], near.first[:-1]) / np.diff(near.first)
+    clear = mixed & flat & (np.abs(own) >= CLEAR) & (seen >= SEEN)
     evidence = spread_evidence(near, normals, own * np.where(flat, 1.0, not_flat), clear, thickness)
     signed = np.where(evidence[:, None] < 0, -normals, normals)
     for _ in range(OPPOSED_ROUNDS):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from scan2fea.kernel.face_tree import morton_order
 from scan2fea.kernel.noise import noise_sigma, spacing
@@ -12,6 +13,7 @@ from scan2fea.kernel.voxels import voxel_mean
 from scan2fea.types import Scan
 
 TRIES = 12
+LEANING = Rotation.from_quat((1.0, 2.0, 3.0, 4.0)).as_matrix()  # cells square to faces would part whole faces along their middle: +0.3 % in a wall
 SMALL = 0.25  # noise against the edge of a cell: at 0.2 walls of two cells grow by 0.2 %, at 0.32 by 1.8 %
 
 
@@ -36,11 +38,12 @@ def thinned(scan: Scan, max_points: int) -> Scan:
     if len(points) <= max_points:
         return scan
     edge = spacing(points) * math.sqrt(len(points) / max_points)  # points on a surface: their number goes with the square of the edge
+    leaning = points @ LEANING
     if not noise_sigma(points) <= SMALL * edge:
         every = morton_order(points)[((np.arange(max_points) + 0.5) * (len(points) / max_points)).astype(np.int64)]
         return Scan(cloud=scan.cloud.take(np.sort(every)), rays=scan.rays).compact()
     for _ in range(TRIES):
-        cells = voxel_mean(points, edge)
+        cells = voxel_mean(leaning, edge)
         if cells.n_cells <= max_points:
             break
         edge *= 1.02 * math.sqrt(cells.n_cells / max_points)

@@ -30,6 +30,7 @@ _CORNER_POINTS, _FEW_POINTS, _FEWEST = 3_000, 400, 30
 _CHANCE = 1e-6  # that points of a sharp corner are so much likelier under an arc
 _CLEAR = 3.0  # standard deviations of the radius from none
 _LEVER = (0.5 - 1 / math.pi) / (2 - 6 / math.pi)  # by how much the radius grows where one face lies deeper by one: least squares over the arc
+_BULGE = (4 / math.pi - 1) / (2 - 6 / math.pi)  # and where the arc lies deeper by one
 _SAGITTA = 1 - 1 / math.sqrt(2)  # of the radius: how deep an arc lies; less than the noise is no arc
 _PARALLEL, _STEEPEST = 0.03, 0.2  # slopes: EN 10034 lets a flange lean by 2 % of its width, IPN have 14 %, UPN 5 and 8 %
 _FEWEST_STRAYS, _MOST_STRAYS = 1e-3, 0.5
@@ -102,10 +103,12 @@ def _arcs(xy: FloatArray, member: Member, frames: tuple[FloatArray, FloatArray],
     best, top = (best, top) if top > sharp else (0.0, sharp)
     below, above, most = (_within(corners, best, top, limit) for limit in (-2.0, 2.0, _CLEAR**2 / 2))
     each = float(np.linalg.norm([corner.place_std for corner in corners])) / len(corners)
-    std = math.hypot((above - below) / 4, _LEVER * each, *(_LEVER * (p.std_m or 0.0) for p in walls))
+    noise = max(corner.sigma for corner in corners)
+    halved = _BULGE * noise**2 / (4 * max(best, noise / _SAGITTA))
+    std = math.hypot((above - below) / 4, _LEVER * each, halved, *(_LEVER * (p.std_m or 0.0) for p in walls))
     for k, corner in zip(told, corners, strict=True):
         places[k] += corner.shift @ ways[k]
-    least = max(_CLEAR * std, LEAST * max(p.value_m for p in walls), max(corner.sigma for corner in corners) / _SAGITTA)
+    least = max(_CLEAR * std, LEAST * max(p.value_m for p in walls), noise / _SAGITTA)
     slope = _slope(corners, ways[told], best)
     if 2 * (top - sharp) > chdtri(1, _CHANCE) and best > least and slope <= _PARALLEL:
         fillet = RootFillet(radius_m=best, std_m=std, is_observable=True, most_m=most)
@@ -210,15 +213,17 @@ class _Corner(Value):
         return replace(self, uv=self.uv[:: math.ceil(len(self.uv) / _FEW_POINTS)])
 
     def off(self, radius: float) -> FloatArray:
-        """(k,) distance to the faces from where the arc of a radius begins, or to that arc; under noise the points of an arc lie farther from its
-        centre than it does by sigma^2 / 2 r in the mean.
+        """(k,) distance to the faces from where the arc of a radius begins, or to that arc.
+
+        Points of an arc lie farther from its centre than it does by sigma^2 / 2 r in the mean where noise is alike in all directions, by nothing
+        where it acts along rays that strike head on: half of it is taken.
         """
         u, v = self.uv.T
         to_faces = np.minimum(np.hypot(np.minimum(u - radius, 0.0), v), np.hypot(np.minimum(v - radius, 0.0), u))
         if radius <= 0:
             return np.asarray(to_faces)
         is_within = (u < radius) & (v < radius)
-        return np.asarray(np.where(is_within, np.abs(np.hypot(radius - u, radius - v) - radius - self.sigma**2 / (2 * radius)), to_faces))
+        return np.asarray(np.where(is_within, np.abs(np.hypot(radius - u, radius - v) - radius - self.sigma**2 / (4 * radius)), to_faces))
 
     def densities(self, radius: float) -> tuple[FloatArray, FloatArray]:
         """(k,) across the surface, of its points and of strays, per m."""
@@ -235,7 +240,7 @@ class _Corner(Value):
         for _ in range(_SETTLES):
             own, stray = here.densities(radius)
             whose = own / (own + stray)
-            sigma = max(math.sqrt(float(whose @ np.square(here.off(radius)) / whose.sum())), _FLOOR * self.window)
+            sigma = max(math.sqrt(float(whose @ np.square(here.off(radius))) / max(float(whose.sum()), 1e-300)), _FLOOR * self.window)
             here = replace(here, sigma=sigma, strays=float(np.clip(1 - whose.mean(), _FEWEST_STRAYS, _MOST_STRAYS)))
             if not self.is_clear:
                 continue

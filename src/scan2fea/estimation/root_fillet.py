@@ -18,7 +18,7 @@ from scan2fea.estimation.observability import RESOLVED
 from scan2fea.estimation.swept import Sweep, sweep_of_member
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.sections import edge_names, section, section_area
-from scan2fea.types import FloatArray, IntArray, Member, RootFillet, Value
+from scan2fea.types import FloatArray, IntArray, Member, Parameter, RootFillet, Value
 
 OPEN, WALLS = ("L", "I", "C", "T"), ("t", "tw", "tf")
 LEAST = 0.1  # of the thicker wall: no rolled shape of sections.csv has less (W14X873: 0.107)
@@ -105,7 +105,7 @@ def _arcs(xy: FloatArray, member: Member, frames: tuple[FloatArray, FloatArray],
     each = float(np.linalg.norm([corner.place_std for corner in corners])) / len(corners)
     noise = max(corner.sigma for corner in corners)
     halved = _BULGE * noise**2 / (4 * max(best, noise / _SAGITTA))
-    std = math.hypot((above - below) / 4, _LEVER * each, halved, *(_LEVER * (p.std_m or 0.0) for p in walls))
+    std = math.hypot((above - below) / 4, _LEVER * each, halved, *(_LEVER * _place_std(p, noise) for p in walls))
     for k, corner in zip(told, corners, strict=True):
         places[k] += corner.shift @ ways[k]
     least = max(_CLEAR * std, LEAST * max(p.value_m for p in walls), noise / _SAGITTA)
@@ -116,6 +116,11 @@ def _arcs(xy: FloatArray, member: Member, frames: tuple[FloatArray, FloatArray],
     most = max(most, least) if slope <= _PARALLEL else math.inf
     is_nothing = len(corners) * FILLET * most**2 < _NOTHING * section_area(section(member.family, member.values()))
     return Roots(fillet=RootFillet(is_observable=is_nothing, most_m=most), places=places, ways=ways, radii=np.zeros(len(places)))
+
+
+def _place_std(wall: Parameter, noise: float) -> float:
+    """How far a face of a wall may lie off, metres; two that noise joins to one hump are still known to half of that noise."""
+    return wall.std_m or min(wall.spread_m or 0.0, noise / 2)
 
 
 def squared(points: FloatArray, member: Member, roots: Roots) -> FloatArray:

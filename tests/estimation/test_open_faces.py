@@ -25,6 +25,19 @@ def test_a_whole_section_is_not_open():
         assert open_face(points_of(member), member) == ""
 
 
+@pytest.mark.parametrize("stations", [4, 6])
+def test_lines_of_scanners_along_the_member_leave_strips_between_them(stations):
+    """Levelled scanners before a column: their lines run along it, and where those of all stations lie near to each other a strip is bare."""
+    rng, points = np.random.default_rng(1), points_of(BAR, 20_000)
+    x, station = points[:, 0] + 0.1, np.arange(len(points)) % stations
+    is_lined = (np.abs(points[:, 1]) > 0.039) & (x > 0.0005) & (x < 0.1995)
+    for _ in range(40):
+        apart = 0.006 * np.sqrt(stations) * rng.uniform(0.9, 1.1, stations)[station]  # of the lines of one station
+        first = apart * rng.random(stations)[station]
+        lined = np.clip(np.round((x - first) / apart) * apart + first + rng.normal(0, 0.001, len(x)), 0.0, 0.2) - 0.1  # noise along slanting rays
+        assert open_face(np.column_stack([np.where(is_lined, lined, points[:, 0]), points[:, 1:]]), BAR) == ""
+
+
 @pytest.mark.parametrize("lip", [0.015, 0.04, 0.08])
 def test_a_lipped_channel_is_no_tube(lip):
     points = points_of(TUBE)

@@ -27,6 +27,7 @@ _ROUNDED = 3.0  # walls: outer radius of the corners of cold formed hollow secti
 _A_BIN, _FEWEST, _MOST = 12.0, 4, 64  # points of the face on average, and bins
 _BARE = 0.1  # of the points of the fullest bin
 _WIDER = 3.0  # times any other bare run: gaps between the lines of a scanner are alike
+_LINES = 2.0  # distances between points: of four rasters together, of which lines run along the member, none leaves a wider strip
 _PLACES = 8  # along the member, at which it is asked whether a body lies there
 
 
@@ -54,7 +55,8 @@ def open_face(points: FloatArray, member: Member, covers: Covers = ()) -> str:
             continue
         bare = count + (0 if closed else np.histogram(behind, limits)[0]) < _BARE * count.max()
         first, last = _widest(bare)
-        if (last - first) * float(count[~bare].mean()) <= VOID_POINTS:
+        apart_m = math.sqrt(float((~bare).sum()) * (limits[1] - limits[0]) * values["length"] / float(count[~bare].sum()))
+        if (last - first) * float(count[~bare].mean()) <= VOID_POINTS or limits[last] - limits[first] <= _LINES * apart_m:
             continue
         middle = np.linspace(0, values["length"], 2 * _PLACES + 1)[1::2]
         at = (limits[first:last] + limits[first + 1 : last + 1]) / 2

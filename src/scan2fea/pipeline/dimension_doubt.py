@@ -14,7 +14,7 @@ import numpy as np
 from scan2fea.errors import StageError
 from scan2fea.estimation.field import in_section, residual_field
 from scan2fea.estimation.solid import Solid, solid_of
-from scan2fea.kernel.coordinate_steps import rounding_std
+from scan2fea.kernel.coordinate_steps import noise_before, rounding_std
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.sections import PARAMETERS, ROUND, corner_factors, edge_names, section
 from scan2fea.kernel.sweep import axis_at
@@ -75,7 +75,7 @@ def widened(member: Member, cloud: PointCloud, doubt: PoseDoubt, face_m: float =
 
 def coarsened(member: Member, step_m: float) -> Member:
     """The member whose estimated dimensions, each between two faces, are uncertain by coordinates that were rounded to whole steps too."""
-    more = 2.0 * rounding_std(step_m, member.sigma_m) ** 2
+    more = 2.0 * rounding_std(step_m, noise_before(member.sigma_m, step_m)) ** 2
     if not more > 0.0:
         return member
     estimated = np.array([p.std_m is not None for p in member.parameters]) & (np.diag(member.covariance) > 0)

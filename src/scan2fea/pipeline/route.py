@@ -26,7 +26,7 @@ from scan2fea.estimation.several import several_members
 from scan2fea.estimation.systematic import face_error
 from scan2fea.estimation.table import Table, read_table
 from scan2fea.estimation.unseen_end import unseen_end
-from scan2fea.kernel.coordinate_steps import coordinate_step, rounding_std
+from scan2fea.kernel.coordinate_steps import noise_before, rounding_std, spread
 from scan2fea.kernel.noise import spacing
 from scan2fea.kernel.pinned import SEEN
 from scan2fea.kernel.pipe_path import pipe_path
@@ -123,8 +123,9 @@ def estimate(
     root_radius_m : of its fillets, where it is given.
     A pipe with elbows is a member of its points laid out straight; what it rests on or was covered by is not asked there.
     """
+    scan, step_m = spread(scan, options.seed)
     pipe = None if doubt.between_m > 0 else _with_elbows(scan, options, route, known)
-    found = pipe or _straight(scan, options, route, known, doubt, footings, strips, covers)
+    found = pipe or _straight(scan, options, route, known, doubt, footings, strips, covers, step_m)
     if root_radius_m is None or found.member is None:
         return found
     given = RootFillet(radius_m=root_radius_m, most_m=root_radius_m, source="fixed")
@@ -156,8 +157,9 @@ def _straight(
     footings: Sequence[Footing] = (),
     strips: Sequence[FloatArray] = (),
     covers: Sequence[FloatArray] = (),
+    step_m: float = 0.0,
 ) -> Estimate:
-    """`estimate` of a member without elbows."""
+    """`estimate` of a member without elbows.   step_m : its coordinates were rounded to."""
     table = table_of(route)
     section = known_section(route, table) if known is None else known
     if scan.cloud.is_inferred is not None and bool((scan.cloud.is_inferred & (scan.cloud.frame >= 0)).any()):
@@ -187,7 +189,6 @@ def _straight(
     member, fit = _ended(scan, member, fit, footings) if not options.whole and "length" not in section.fixed else (member, fit)
     told = fit.explanation
     face_m = face_error(told.pattern_m, told.p_value, fit.section.sigma_m) if fit.method == "density" else 0.0
-    step_m = coordinate_step(measured, spacing(measured))
     member = coarsened(widened(member, scan.cloud, doubt, face_m), step_m)
     if not any(p.observable or p.source == "fixed" for p in member.parameters if p.name != "length"):
         reason, likeliest = (_open(fit.member, options), member) if fit.explains else (fit.reason, None)
@@ -250,7 +251,8 @@ def known_section(route: RouteOptions, table: Table | None) -> KnownSection:
 
 def _reason(fit: MemberFit, options: MemberOptions, step_m: float) -> str:
     said = [fit.reason]
-    if rounding_std(step_m, fit.section.sigma_m) > fit.section.sigma_m:
+    noise_m = noise_before(fit.section.sigma_m, step_m)
+    if rounding_std(step_m, noise_m) > noise_m:
         said.append(f"the coordinates are whole steps of {MILLIMETRES_PER_METRE * step_m:.3g} mm, which no number of points averages away")
     if fit.p_fixed is not None:
         said.append(f"the dimensions given have a p-value of {fit.p_fixed:.3g}")

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scan2fea.errors import UsageError, require
+from scan2fea.kernel.coordinate_steps import spread
 from scan2fea.kernel.face_tree import morton_order
 from scan2fea.options import option
 from scan2fea.reconstruction.advancing_front import FrontOptions, advancing_front
@@ -56,15 +57,16 @@ def reconstruct(scan: Scan, options: ReconstructionOptions = ReconstructionOptio
     if len(fewer.cloud) and np.isfinite(fewer.cloud.points).all() and told_images(fewer, options) is None:
         # neighbours side by side in memory: half the time
         fewer = Scan(cloud=fewer.cloud.take(morton_order(fewer.cloud.points)), rays=fewer.rays)
+    fewer, step_m = spread(fewer, options.seed)
     if options.method != "visibility":
         found = METHODS[options.method](fewer, options)
-        return _nothing_lost(fewer, found, _planes_and_bores(fewer, found)[1])
+        return _nothing_lost(found, _planes_and_bores(fewer, found)[1], step_m)
     found, flats, bores = _with_flats(fewer, options)
     found = served_smooth(fewer, found) if options.smooth else found
     found = served_sharp(fewer, found) if options.flat else found
     found = unplugged(fewer, found, flats, options.seed)
     found = contradicted(fewer, found, flats, options.seed)  # asked of what is shipped: led out edges may have mended the rest
-    return _nothing_lost(fewer, found, bores)
+    return _nothing_lost(found, bores, step_m)
 
 
 def _with_flats(scan: Scan, options: ReconstructionOptions) -> tuple[Reconstruction, tuple[Reconstruction, ...], Sequence[Bore]]:
@@ -99,9 +101,9 @@ def _planes_and_bores(scan: Scan, found: Reconstruction, before: Sequence[Bore] 
     return grown, distinct_bores([*before, *more])
 
 
-def _nothing_lost(scan: Scan, found: Reconstruction, bores: Sequence[Bore]) -> Reconstruction:
-    """What is shipped, with checks of whether it has the bores that were scanned, and of what the digits of the file leave open."""
-    found = with_rounding(found, scan.cloud.points if scan.cloud.is_inferred is None else scan.cloud.points[~scan.cloud.is_inferred])
+def _nothing_lost(found: Reconstruction, bores: Sequence[Bore], step_m: float) -> Reconstruction:
+    """What is shipped, with checks of whether it has the bores that were scanned, and of what the steps of the coordinates leave open."""
+    found = with_rounding(found, step_m)
     if failed(found.checks):
         return found
     others = (check for check in found.checks if check.name != BORES_CLOSED)

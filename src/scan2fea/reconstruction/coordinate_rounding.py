@@ -6,22 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from scan2fea.kernel.coordinate_steps import coordinate_step, rounding_std
+from scan2fea.kernel.coordinate_steps import noise_before, rounding_std
 from scan2fea.kernel.measures import face_areas, face_normals, volume
 from scan2fea.reconstruction.budget import ROUNDED, VOLUME_IN_DOUBT
 from scan2fea.reconstruction.evidence import at_most, mm
 from scan2fea.reconstruction.gates import in_all
 from scan2fea.reconstruction.visibility import Reconstruction
-from scan2fea.types import FloatArray
 
 LIMIT = 0.02  # of the volume, one standard deviation: as what noise leaves of the places of planes
 ACROSS = 3.0  # spacings over which a leaning face rises by a step: its points are rounded up and down, and the mean is right
 
 
-def with_rounding(found: Reconstruction, points: FloatArray) -> Reconstruction:
-    """The surface, with a check of what the rounding of the coordinates leaves open where they are. points : (n, 3) measured, m."""
-    step = coordinate_step(points, found.spacing_m)
-    std, body = rounding_std(step, found.sigma_m), abs(volume(found.mesh))
+def with_rounding(found: Reconstruction, step: float) -> Reconstruction:
+    """The surface, with a check of what the rounding of the coordinates to whole steps (m, 0 none) leaves open."""
+    std, body = rounding_std(step, noise_before(found.sigma_m, step)), abs(volume(found.mesh))
     if not std > 0.0 or body <= 0.0:
         return found
     normals, areas = face_normals(found.mesh), face_areas(found.mesh)

@@ -9,8 +9,23 @@ from predicates import moved, rotation
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction import reconstruct
+from scan2fea.reconstruction.bores import LEAST_POINTS, distinct_bores, distinct_cylinders
 from scan2fea.reconstruction.gates import failed
-from scan2fea.reconstruction.lost_bores import BORES_CLOSED, _is_like, closed_bores, facing_axis, told_bores
+from scan2fea.reconstruction.lost_bores import (
+    BORES_CLOSED,
+    CIRCLE_CHANCE,
+    FREE,
+    HELD,
+    LEAST_TOLD,
+    LIKE_CHANCE,
+    LIKE_FREE,
+    LIKE_HELD,
+    _is_like,
+    _is_told,
+    closed_bores,
+    facing_axis,
+    told_bores,
+)
 from scan2fea.simulation.shapes import bracket
 from scanned import scanned
 
@@ -124,3 +139,31 @@ def test_one_more_bore_as_wide_and_deep_needs_less_proof_in_whatever_wall_it_is(
     across = replace(bore, surface=replace(bore.surface, axis=bore.surface.frame()[0]))
     wider = replace(bore, surface=replace(bore.surface, radius=1.2 * bore.surface.radius))
     assert _is_like(across, bore) and not _is_like(wider, bore) and not _is_like(replace(bore, depth_m=1.2 * bore.depth_m), bore)
+
+
+def test_bores_on_one_axis_through_two_walls_are_two_and_of_one_cylinder_where_that_holds_both():
+    """Of an I with holes in both flanges one of each pair had been asked after, and the other was lost."""
+    scan, _, normals = scanned(PART, H, NOISE, seed=0)
+    bore = told_bores(scan.cloud.points, normals, H, NOISE)[0]
+    beyond, beside = (replace(bore, wall=bore.wall + by) for by in (0.1 * bore.surface.axis, 0.003 * bore.surface.frame()[0]))
+    assert len(distinct_bores([bore, beside])) == 1
+    assert len(distinct_bores([bore, beyond])) == 2 and len(distinct_cylinders([bore, beyond], 0.002)) == 1
+    shift = 0.003 * bore.surface.frame()[0]
+    aside = replace(bore, surface=replace(bore.surface, point=bore.surface.point + shift), wall=beyond.wall + shift)
+    assert len(distinct_cylinders([bore, aside], 0.001)) == 2
+
+
+def test_where_the_faces_round_a_bore_have_few_points_its_wall_may_have_few():
+    """An I had been converted with 10 holes of 11, a channel with 4 of 5: theirs were seen from few places."""
+    scan, _, normals = scanned(PART, H, 0.0003, seed=0)
+    points = scan.cloud.points
+    bore = told_bores(points, normals, H, 0.0003)[0]
+    assert 0.8 < bore.beside <= 1.0
+    u, v = ((bore.wall - bore.surface.point) @ bore.surface.frame().T).T
+    wall = bore.wall[np.argsort(np.arctan2(v, u))]
+    few = replace(bore, wall=wall[::4])
+    least = LEAST_TOLD, CIRCLE_CHANCE, HELD, FREE
+    assert not _is_told(few, points, H, 0.0003, *least) and _is_told(replace(few, beside=0.4), points, H, 0.0003, *least)
+    fewer = replace(bore, wall=wall[::6], beside=0.4)
+    assert not _is_told(fewer, points, H, 0.0003, *least)
+    assert _is_told(fewer, points, H, 0.0003, LEAST_POINTS, LIKE_CHANCE, LIKE_HELD, LIKE_FREE)

@@ -27,7 +27,7 @@ SAME_RADIUS = 0.25  # of the larger: two bores on one axis whose radii differ by
 ALONG = 0.9  # cosine between the axes of bores that may be one
 CLEAR, DEEP = 1.5, 3.0  # sigma below both faces that points of the wall lie, and that some do: of the faces one in a thousand
 LEAST_DEEP = 3  # of these
-LEAST_POINTS = 5  # of the wall: two more than a circle needs
+LEAST_CIRCLE, LEAST_POINTS = 3, 5  # of the wall: what a circle needs, and two more
 RADIUS_KNOWN = 0.08  # std of a radius, of it
 EXACTLY = 0.02  # spacings: the same for exact points
 NARROWER, WIDER = 0.3, 1.3  # times the radius of its empty circle, and the noise that carries points of the rim into it, a hole may be
@@ -57,13 +57,15 @@ class Near(Value):
 class Bore(Value):
     """surface : the hole.   wall : (k, 3) points on it, those between the two faces that tell it.   depth_m : from one of these to the other.
 
-    around : sectors of AROUND in which that of the two with fewer has points beside the hole.
+    around : sectors of AROUND in which that of the two with fewer has points beside the hole.   beside : points of the faces in the ring up to twice
+    its radius, of as many as the spacing lets expect; 1 at most. What is seen at a slant, or from few places, has fewer; so has the wall of the hole.
     """
 
     surface: Surface
     wall: FloatArray
     depth_m: float
     around: int
+    beside: float
 
 
 def wall_bores(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: float) -> list[Bore]:
@@ -85,11 +87,26 @@ def every_bore(points: FloatArray, planes: Planes, spacing_m: float, sigma_m: fl
 
 
 def distinct_bores(bores: list[Bore]) -> list[Bore]:
-    """Of bores that overlap the one with most points."""
+    """Of bores that overlap the one with most points. Those on one axis through two walls are two: the flanges of an I, the walls of a tube."""
     kept: list[Bore] = []
     for bore in sorted(bores, key=lambda bore: -len(bore.wall)):
-        if not any(is_same(bore.surface, other.surface) for other in kept):
+        if not any(is_same(bore.surface, other.surface) and _meet(bore, other) for other in kept):
             kept.append(bore)
+    return kept
+
+
+def _meet(one: Bore, other: Bore) -> bool:
+    """Do the points on two walls lie at one place along the axis?"""
+    first, second = (own @ other.surface.axis for own in (one.wall, other.wall))
+    return bool(first.min() <= second.max() and second.min() <= first.max())
+
+
+def distinct_cylinders(bores: list[Bore], off_m: float) -> list[Surface]:
+    """The cylinders of bores, one for those on one axis through two walls, where the points of all lie within `off_m` of it."""
+    kept: list[Surface] = []
+    for bore in distinct_bores(bores):
+        if not any(is_same(bore.surface, s) and float(np.median(np.abs(s.distance(bore.wall)))) <= off_m for s in kept):
+            kept.append(bore.surface)
     return kept
 
 
@@ -129,6 +146,7 @@ def _between(points: FloatArray, planes: Planes, i: int, j: int, spacing_m: floa
     near_wall, faces = Near.of(wall @ axes.T), [Near.of(points[planes.label == k] @ axes.T) for k in (i, j)]
     if held:
         due = 2.0 * math.pi * radius[large] * max(0.0, _apart_m(points, planes, i, j) - 2.0 * CLEAR * sigma_m) / spacing_m**2
+        due *= _beside(near_flat, middle[large], radius[large], spacing_m)
         within = near_wall.tree.query_ball_point(middle[large], radius[large] + off_round_m(spacing_m, sigma_m), return_length=True)
         large = large[np.asarray(within) >= held * due / WIDER]  # of a hole to one side of the circle, and narrower
     large = large[np.argsort(-radius[large], kind="stable")]
@@ -138,11 +156,14 @@ def _between(points: FloatArray, planes: Planes, i: int, j: int, spacing_m: floa
             continue
         is_free &= np.linalg.norm(middle[large] - middle[k], axis=1) >= radius[k]
         start = Surface(kind=CYLINDER, point=middle[k] @ axes + plane.offset * plane.normal, axis=plane.normal, radius=float(radius[k]), sense=-1)
-        hole = _fitted(start, wall, near_wall, is_deep, near_flat, axes, spacing_m, sigma_m)
+        tries = (_fitted(start, wall, near_wall, is_deep, near_flat, axes, spacing_m, sigma_m, wide) for wide in (0.0, spacing_m))
+        hole = next((found for found in tries if found is not None), None)
         if hole is not None:
             centre, wide = hole[0].point @ axes.T, WIDE * hole[0].radius
             around = min(len(_sectors(own.places[own.within(centre, wide)] - centre)) for own in faces)
-            out.append(Bore(surface=hole[0], wall=hole[1], depth_m=-float(planes.plane(j).distance(start.point[None])[0]), around=around))
+            apart_m = -float(planes.plane(j).distance(start.point[None])[0])
+            beside = float(_beside(near_flat, centre[None], np.array([hole[0].radius]), spacing_m)[0])
+            out.append(Bore(surface=hole[0], wall=hole[1], depth_m=apart_m, around=around, beside=beside))
     return out
 
 
@@ -152,19 +173,29 @@ def _density(flat: FloatArray, spacing_m: float) -> float:
     return len(flat) / (len(cells) * 9.0 * spacing_m**2)
 
 
+def _beside(flat: Near, middle: FloatArray, radius: FloatArray, spacing_m: float) -> FloatArray:
+    """(k,) of the points of two faces due in the ring round each circle, up to twice its radius, the share that lies there; 1 at most."""
+    outer, inner = (np.asarray(flat.tree.query_ball_point(middle, times * radius, return_length=True), float) for times in (2.0, 1.0))
+    return np.asarray(np.minimum(1.0, (outer - inner) * spacing_m**2 / (6.0 * math.pi * radius**2)))
+
+
 def _sectors(across: FloatArray) -> FloatArray:
     return np.unique(np.floor(np.arctan2(across[:, 1], across[:, 0]) / (2 * np.pi) * AROUND))
 
 
 def _fitted(
-    start: Surface, wall: FloatArray, near: Near, is_deep: BoolArray, flat: Near, axes: FloatArray, spacing_m: float, sigma_m: float
+    start: Surface, wall: FloatArray, near: Near, is_deep: BoolArray, flat: Near, axes: FloatArray, spacing_m: float, sigma_m: float, wide_m: float
 ) -> tuple[Surface, FloatArray] | None:
-    """The cylinder through points between the faces that lie in and at an empty circle; None where they tell no circle."""
+    """The cylinder through points between the faces that lie in and at an empty circle; None where they tell no circle.
+
+    wide_m : beyond it, of the points that begin: where faces have few, it lies to one side of the hole.
+    """
     off, along = off_round_m(spacing_m, sigma_m), np.array([True, True, False, False, True])
     surface, before = start, np.zeros(0, np.int64)
     for step in range(ROUNDS):
-        own = near.within(surface.point @ axes.T, surface.radius + off, surface.radius - off if step else 0.0)
-        if len(own) < LEAST_POINTS:
+        inner, outer = (surface.radius - off, surface.radius + off) if step else (0.0, surface.radius + off + wide_m)
+        own = near.within(surface.point @ axes.T, outer, inner)
+        if len(own) < LEAST_CIRCLE:  # a few on the way: those off the wall that began with it had drawn it from the others
             return None
         if np.array_equal(own, before):
             break
@@ -172,7 +203,7 @@ def _fitted(
         if fit is None or not NARROWER * start.radius < fit.radius < WIDER * start.radius + sigma_m:
             return None
         surface, before = fit, own
-    is_told = is_deep[own].sum() >= LEAST_DEEP and _is_hole(surface, wall[own], near, flat, axes, off, sigma_m)
+    is_told = len(own) >= LEAST_POINTS and is_deep[own].sum() >= LEAST_DEEP and _is_hole(surface, wall[own], near, flat, axes, off, sigma_m)
     return (surface, wall[own]) if is_told else None
 
 

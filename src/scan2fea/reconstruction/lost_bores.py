@@ -29,10 +29,11 @@ from scan2fea.types import BoolArray, Check, FloatArray, TriangleMesh
 BORES_CLOSED = "scanned bores that are closed"
 WIDEST = 4.0  # spacings, radius: what closes a wider one is bare for all to see, and may be a bolt
 HELD = 0.4  # of the points due on the wall of a bore between its two faces: noise, or another face between these, puts few there
+LIKE_HELD = 0.2  # the same where another bore is as wide and as deep: of a pattern one is seen at a slant
 DEEPEST = 8.0  # times that radius: from one face to the other
 SECTORS = 5  # of AROUND: many points of a wall lie in more
 LEAST_TOLD, CIRCLE_CHANCE = 8, 1e-4  # points of its wall; that as many at random, in one of dozens of circles, lie so near to its edge
-LIKE_CHANCE = 1e-3  # the same where another bore is as wide and as deep
+LIKE_CHANCE, LIKE_FREE = 1e-3, 2  # the same where another bore is as wide and as deep: the centre alone is fitted
 OUTWARD = 0.5  # mean cosine between normals and the way from the axis: of skins 0.6 to 0.9, of bores 0.3 at most
 BEHIND = 0.25  # of the radius of a bore, from its wall into the solid
 LEAST_SIDE = 2  # points of a sector of its wall, that tell the solid there
@@ -59,9 +60,9 @@ def told_bores(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_
     nearest = cKDTree(points)
     found = [bore for bore in found if _faces_in(bore, normals[nearest.query(bore.wall)[1]])]
     least = LEAST_POINTS if sigma_m <= EXACT else LEAST_TOLD  # chance puts not even five points on a circle exactly
-    told = [bore for bore in found if _is_told(bore, points, spacing_m, sigma_m, least, CIRCLE_CHANCE)]
+    told = [bore for bore in found if _is_told(bore, points, spacing_m, sigma_m, least, CIRCLE_CHANCE, HELD, FREE)]
     like = [bore for bore in found if any(_is_like(bore, other) for other in told)]
-    more = [bore for bore in like if _is_told(bore, points, spacing_m, sigma_m, LEAST_POINTS, LIKE_CHANCE)]
+    more = [bore for bore in like if _is_told(bore, points, spacing_m, sigma_m, LEAST_POINTS, LIKE_CHANCE, LIKE_HELD, LIKE_FREE)]
     return distinct_bores([*told, *more])
 
 
@@ -114,12 +115,12 @@ def _is_like(bore: Bore, other: Bore) -> bool:
     return bool(as_wide and as_deep)
 
 
-def _is_told(bore: Bore, points: FloatArray, spacing_m: float, sigma_m: float, least: int, chance: float) -> bool:
+def _is_told(bore: Bore, points: FloatArray, spacing_m: float, sigma_m: float, least: int, chance: float, held: float, free: int) -> bool:
     surface, wall = bore.surface, bore.wall
     along, aside = _along(surface, wall), (wall - surface.point) @ surface.frame().T
     deep = bore.depth_m - 2.0 * CLEAR * sigma_m
-    due = 2.0 * math.pi * surface.radius * deep / spacing_m**2
-    if surface.radius > WIDEST * spacing_m or bore.around < BESIDE or len(wall) < HELD * due or not _all_round(aside):
+    due = 2.0 * math.pi * surface.radius * deep * bore.beside / spacing_m**2
+    if surface.radius > WIDEST * spacing_m or bore.around < BESIDE or len(wall) < held * due or not _all_round(aside):
         return False
     if _in_a_band(np.ptp(along) / deep, len(wall)):
         return False
@@ -128,7 +129,7 @@ def _is_told(bore: Bore, points: FloatArray, spacing_m: float, sigma_m: float, l
         return False
     width = math.sqrt(3.0 * float((surface.distance(wall) ** 2).mean()))  # of a band as evenly filled; at random points lie anywhere in the circle
     share = 4.0 * surface.radius * width / (surface.radius + off_round_m(spacing_m, sigma_m)) ** 2
-    if len(wall) < least or min(share, 1.0) ** (len(wall) - FREE) > chance:
+    if len(wall) < least or min(share, 1.0) ** (len(wall) - free) > chance:
         return False
     every = _along(surface, points)
     near = points[(every > along.min()) & (every < along.max())]

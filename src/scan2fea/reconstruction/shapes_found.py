@@ -12,7 +12,7 @@ from scan2fea.errors import ReconstructionError, require
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_normals
 from scan2fea.kernel.surfaces import Surface
-from scan2fea.reconstruction.bores import LEAST_POINTS, distinct_bores, is_same, wall_bores
+from scan2fea.reconstruction.bores import LEAST_POINTS, distinct_cylinders, is_same, wall_bores
 from scan2fea.reconstruction.lost_bores import told_bores
 from scan2fea.reconstruction.plane_growing import MOST_PLANES, Planes, assigned, grow_planes, settled, tolerance_m
 from scan2fea.reconstruction.regular import EXACT
@@ -156,7 +156,8 @@ def rounds_of(points: FloatArray, first: Reconstruction, flat: Faces | None = No
     number[rest] = planes.label
     # along the directions of the faces, which a dozen points cannot tell
     faces = replace(planes, label=number)
-    bores = [bore.surface for bore in distinct_bores([*wall_bores(points, faces, h, sigma), *told_bores(points, first.normals, h, sigma, faces)])]
+    told = [*wall_bores(points, faces, h, sigma), *told_bores(points, first.normals, h, sigma, faces)]
+    bores = distinct_cylinders(told, off_round_m(h, sigma))
     found = [*(surface for surface in grown.surfaces if not any(is_same(surface, bore) for bore in bores)), *bores]
     label = _given(points, first.normals, found, planes, h, sigma)
     kept = [k for k in range(len(found)) if np.sum(label == k) >= LEAST_POINTS]

@@ -7,13 +7,15 @@ the hole is (`empty_places`), and points between the faces then tell centre and 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from scan2fea.kernel.empty_circles import empty_circles
-from scan2fea.kernel.surfaces import CYLINDER, Surface, fitted
+from scan2fea.kernel.jit import jit
+from scan2fea.kernel.surface_fit import descend
+from scan2fea.kernel.surfaces import CYLINDER, Surface
 from scan2fea.reconstruction.plane_growing import FACING, Planes
 from scan2fea.reconstruction.round_growing import off_round_m, radius_std
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
@@ -31,7 +33,8 @@ LEAST_CIRCLE, LEAST_POINTS = 3, 5  # of the wall: what a circle needs, and two m
 RADIUS_KNOWN = 0.08  # std of a radius, of it
 EXACTLY = 0.02  # spacings: the same for exact points
 NARROWER, WIDER = 0.3, 1.3  # times the radius of its empty circle, and the noise that carries points of the rim into it, a hole may be
-ROUNDS = 8
+ROUNDS, STEPS = 8, 30  # of points that lie on it, and of the fit to these
+FAR = 3.0  # times the circle that a hole begins with: points farther away are not on it
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -150,14 +153,14 @@ def _between(points: FloatArray, planes: Planes, i: int, j: int, spacing_m: floa
         within = near_wall.tree.query_ball_point(middle[large], radius[large] + off_round_m(spacing_m, sigma_m), return_length=True)
         large = large[np.asarray(within) >= held * due / WIDER]  # of a hole to one side of the circle, and narrower
     large = large[np.argsort(-radius[large], kind="stable")]
-    is_free = np.ones(len(large), bool)  # of the circles taken before
+    is_free, circles = np.ones(len(large), bool), Near.of(middle[large])  # of the circles taken before
     for number, k in enumerate(large):
         if not is_free[number] or len(_sectors(near_flat.places[near_flat.within(middle[k], WIDE * radius[k])] - middle[k])) < sectors:
             continue
-        is_free &= np.linalg.norm(middle[large] - middle[k], axis=1) >= radius[k]
+        taken = circles.within(middle[k], radius[k])
+        is_free[taken[np.linalg.norm(circles.places[taken] - middle[k], axis=1) < radius[k]]] = False
         start = Surface(kind=CYLINDER, point=middle[k] @ axes + plane.offset * plane.normal, axis=plane.normal, radius=float(radius[k]), sense=-1)
-        tries = (_fitted(start, wall, near_wall, is_deep, near_flat, axes, spacing_m, sigma_m, wide) for wide in (0.0, spacing_m))
-        hole = next((found for found in tries if found is not None), None)
+        hole = _fitted(start, wall, near_wall, is_deep, near_flat, axes, spacing_m, sigma_m)
         if hole is not None:
             centre, wide = hole[0].point @ axes.T, WIDE * hole[0].radius
             around = min(len(_sectors(own.places[own.within(centre, wide)] - centre)) for own in faces)
@@ -184,27 +187,63 @@ def _sectors(across: FloatArray) -> FloatArray:
 
 
 def _fitted(
-    start: Surface, wall: FloatArray, near: Near, is_deep: BoolArray, flat: Near, axes: FloatArray, spacing_m: float, sigma_m: float, wide_m: float
+    start: Surface, wall: FloatArray, near: Near, is_deep: BoolArray, flat: Near, axes: FloatArray, spacing_m: float, sigma_m: float
 ) -> tuple[Surface, FloatArray] | None:
     """The cylinder through points between the faces that lie in and at an empty circle; None where they tell no circle.
 
-    wide_m : beyond it, of the points that begin: where faces have few, it lies to one side of the hole.
+    Where faces have few points the circle lies to one side of the hole: what begins is then tried a spacing wider.
     """
-    off, along = off_round_m(spacing_m, sigma_m), np.array([True, True, False, False, True])
-    surface, before = start, np.zeros(0, np.int64)
+    off = off_round_m(spacing_m, sigma_m)
+    rows = near.within(start.point @ axes.T, FAR * (start.radius + off + spacing_m))
+    if len(rows) < LEAST_POINTS or is_deep[rows].sum() < LEAST_DEEP:
+        return None
+    code, first = start.packed()
+    for wide in (0.0, spacing_m):
+        found, rms, is_own = _settled(code, first, wall[rows], near.places[rows], np.ascontiguousarray(axes), off, wide, sigma_m)
+        own = rows[is_own]
+        if len(own) >= LEAST_POINTS and is_deep[own].sum() >= LEAST_DEEP:
+            surface = replace(start, point=found[:3], radius=float(found[6]), rms_m=rms)
+            if _is_hole(surface, wall[own], near, flat, axes, off, sigma_m):
+                return surface, wall[own]
+    return None
+
+
+@jit
+def _settled(
+    code: int, first: FloatArray, wall: FloatArray, places: FloatArray, axes: FloatArray, off: float, wide: float, sigma: float
+) -> tuple[FloatArray, float, BoolArray]:
+    """((8,) `Surface.packed`, its rms, the points on it): fitted in turn with those that lie on it; none where it gets lost.
+
+    wall : (n, 3).   places : (n, 2) the same across the axis, along `axes`.   wide : beyond the empty circle, of the points that begin.
+    """
+    here, own, before = first.copy(), np.zeros(len(wall), np.bool_), np.zeros(len(wall), np.bool_)
+    may = np.array([True, True, False, False, True])
+    low, high, rms = np.zeros(3), np.zeros(3), 0.0
     for step in range(ROUNDS):
-        inner, outer = (surface.radius - off, surface.radius + off) if step else (0.0, surface.radius + off + wide_m)
-        own = near.within(surface.point @ axes.T, outer, inner)
-        if len(own) < LEAST_CIRCLE:  # a few on the way: those off the wall that began with it had drawn it from the others
-            return None
-        if np.array_equal(own, before):
+        inner, outer = (here[6] - off, here[6] + off) if step else (0.0, here[6] + off + wide)
+        u, v = (here[:3] * axes[0]).sum(), (here[:3] * axes[1]).sum()
+        for p in range(len(wall)):
+            apart = math.hypot(places[p, 0] - u, places[p, 1] - v)
+            own[p] = inner <= apart <= outer
+        if own.sum() < LEAST_CIRCLE:  # a few on the way: those off the wall that began with it had drawn it from the others
+            own[:] = False
             break
-        fit = fitted(surface, wall[own], free=along)
-        if fit is None or not NARROWER * start.radius < fit.radius < WIDER * start.radius + sigma_m:
-            return None
-        surface, before = fit, own
-    is_told = len(own) >= LEAST_POINTS and is_deep[own].sum() >= LEAST_DEEP and _is_hole(surface, wall[own], near, flat, axes, off, sigma_m)
-    return (surface, wall[own]) if is_told else None
+        if (own == before).all():
+            break
+        x = wall[own]
+        lift = 0.0  # to the middle of the points
+        for a in range(3):
+            low[a], high[a] = x[:, a].min(), x[:, a].max()
+            lift += (x[:, a].mean() - here[a]) * here[3 + a]
+        here[:3] += lift * here[3:6]
+        size = math.sqrt(((high - low) ** 2).sum())
+        here, cost = descend(code, here, x, np.ones(len(x)), may, size if size > 0.0 else 1.0, STEPS)
+        rms = math.sqrt(cost / len(x))
+        if not (here[6] > 0.0 and NARROWER * first[6] < here[6] < WIDER * first[6] + sigma):
+            own[:] = False
+            break
+        before[:] = own
+    return here, rms, own
 
 
 def _is_hole(surface: Surface, own: FloatArray, wall: Near, flat: Near, axes: FloatArray, off: float, sigma_m: float) -> bool:

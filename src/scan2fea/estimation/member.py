@@ -125,7 +125,18 @@ def fit_member(
     if not again.explains and found.explains:
         return found
     root = roots_of(_checked(scan), again.member, options.seed).fillet
-    return dataclasses.replace(again, member=dataclasses.replace(again.member, root=root, families=found.member.families))
+    member = dataclasses.replace(_as_doubtful(again.member, found.member), root=root, families=found.member.families)
+    return dataclasses.replace(again, member=member)
+
+
+def _as_doubtful(member: Member, before: Member) -> Member:
+    """The member with no dimension known better than `before`: points moved off arcs by what was found show no more how far faces are uneven."""
+    std = {p.name: p.std_m for p in before.parameters}
+    times = np.array([max(1.0, (std.get(p.name) or 0.0) / p.std_m) if p.std_m else 1.0 for p in member.parameters])
+    parameters = tuple(
+        dataclasses.replace(p, std_m=None if p.std_m is None else p.std_m * float(x)) for p, x in zip(member.parameters, times, strict=True)
+    )
+    return dataclasses.replace(member, parameters=parameters, covariance=member.covariance * np.outer(times, times))
 
 
 def _sharp(scan: Scan, options: MemberOptions, fixed: Mapping[str, float] | None, nominal: Mapping[str, float] | None, covers: Covers) -> MemberFit:

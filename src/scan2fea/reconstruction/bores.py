@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from scan2fea.kernel.empty_circles import empty_circles
 from scan2fea.kernel.jit import jit
 from scan2fea.kernel.surface_fit import descend
-from scan2fea.kernel.surfaces import CYLINDER, Surface
+from scan2fea.kernel.surfaces import CYLINDER, ROUNDS, Surface
 from scan2fea.reconstruction.plane_growing import FACING, Planes
 from scan2fea.reconstruction.round_growing import off_round_m, radius_std
 from scan2fea.types import BoolArray, FloatArray, IntArray, Value
@@ -33,7 +33,7 @@ LEAST_CIRCLE, LEAST_POINTS = 3, 5  # of the wall: what a circle needs, and two m
 RADIUS_KNOWN = 0.08  # std of a radius, of it
 EXACTLY = 0.02  # spacings: the same for exact points
 NARROWER, WIDER = 0.3, 1.3  # times the radius of its empty circle, and the noise that carries points of the rim into it, a hole may be
-ROUNDS, STEPS = 8, 30  # of points that lie on it, and of the fit to these
+CHOICES = 8  # of the points that lie on a hole
 FAR = 3.0  # times the circle that a hole begins with: points farther away are not on it
 
 
@@ -219,7 +219,7 @@ def _settled(
     here, own, before = first.copy(), np.zeros(len(wall), np.bool_), np.zeros(len(wall), np.bool_)
     may = np.array([True, True, False, False, True])
     low, high, rms = np.zeros(3), np.zeros(3), 0.0
-    for step in range(ROUNDS):
+    for step in range(CHOICES):
         inner, outer = (here[6] - off, here[6] + off) if step else (0.0, here[6] + off + wide)
         u, v = (here[:3] * axes[0]).sum(), (here[:3] * axes[1]).sum()
         for p in range(len(wall)):
@@ -237,7 +237,7 @@ def _settled(
             lift += (x[:, a].mean() - here[a]) * here[3 + a]
         here[:3] += lift * here[3:6]
         size = math.sqrt(((high - low) ** 2).sum())
-        here, cost = descend(code, here, x, np.ones(len(x)), may, size if size > 0.0 else 1.0, STEPS)
+        here, cost = descend(code, here, x, np.ones(len(x)), may, size if size > 0.0 else 1.0, ROUNDS)
         rms = math.sqrt(cost / len(x))
         if not (here[6] > 0.0 and NARROWER * first[6] < here[6] < WIDER * first[6] + sigma):
             own[:] = False

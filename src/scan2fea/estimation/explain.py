@@ -61,11 +61,12 @@ _STRAY_DRAWS = 20_000
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ByRays(Value):
     """voids : holes that were shot through, None where rays do not tell.   again : (m, 2) where the rays of the data would measure the model, in the
-    section, `AGAIN` times.
+    section, `AGAIN` times.   facing : |cosine| between rays and the surface that neighbours show, 0 where these lie in sheets of rays.
     """
 
     voids: int | None
     again: FloatArray
+    facing: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -143,7 +144,8 @@ def explanation(
     asked = local_sigma_m is None and len(near) >= _NEIGHBOURS
     local_sigma = noise_sigma(near, seed=seed) if asked else math.nan if local_sigma_m is None else local_sigma_m
     rms = float(np.sqrt(np.mean(surface.distance[~stray] ** 2))) if (~stray).any() else math.nan
-    doubted = (1 + _LOCAL_DOUBT) * local_sigma
+    facing = 1.0 if by_rays is None else by_rays.facing  # of noise along rays neighbours scatter by that share
+    doubted = (1 + _LOCAL_DOUBT) * local_sigma / facing if facing > 0 else sigma_m
     excess = math.sqrt(max(sigma_m**2 - doubted**2, 0.0)) / (TOLERANCE * size) if math.isfinite(local_sigma) else math.nan
     figures = {
         "off_share": cells.off_share,
@@ -194,7 +196,7 @@ def _reason(f: Mapping[str, float], voids: int, not_flat: int, member: Member, a
             f"{100 * f['off_share']:.0f} % of the points (limit {100 * MAX_OFF:.0f} %) lie where the surface departs from {what} by more than noise "
             f"and mill tolerance; the pattern has an rms of {1e3 * f['pattern_m']:.3g} mm"
         )
-    if f["noise_excess"] > MAX_EXCESS and not along_rays:
+    if f["noise_excess"] > MAX_EXCESS:
         return (
             f"the points scatter about {what} by more than about their neighbours: {f['noise_excess']:.2f} of mill tolerance "
             f"(limit {MAX_EXCESS:g}); it is another shape, or several"

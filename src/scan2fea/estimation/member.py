@@ -29,7 +29,7 @@ from scan2fea.estimation.as_member import (
     without_length,
 )
 from scan2fea.estimation.axis import Axis, axes_of
-from scan2fea.estimation.bare_toes import bare_toes
+from scan2fea.estimation.bare_toes import bare_toes, bare_walls
 from scan2fea.estimation.beside import beside
 from scan2fea.estimation.caps import HOLLOW, SOLID, ends_show, inside_of
 from scan2fea.estimation.changing import changing, is_better
@@ -345,6 +345,7 @@ def _between_ends(
     told = explanation(points, member, fit.sigma_m, options.seed, covers=covers)
     asked = told.explains and not options.whole
     cut = cut_toes(points, member) | bare_toes(points, member, fit.seen, options.seed) if asked else frozenset()
+    cut |= bare_walls(points, member, fit.seen) if asked else cut
     member = dataclasses.replace(member, seen={**seen_faces(fit, told), **dict.fromkeys(cut, 0.0)}, reached=reached)
     off_m = face_error(told.pattern_m, told.p_value, fit.sigma_m)
     area = (high - low) * float(face_lengths(fit.family, fit.values) @ np.array([member.seen[name] >= SEEN for name in faces(fit.family)]))

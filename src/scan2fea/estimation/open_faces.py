@@ -15,6 +15,7 @@ import numpy as np
 
 from scan2fea.estimation.anneal import walls
 from scan2fea.estimation.attached import CORNER
+from scan2fea.estimation.bare_toes import ROUNDED
 from scan2fea.estimation.explain import TOLERANCE
 from scan2fea.estimation.holes import VOID_POINTS, Covers, Hole, uncovered
 from scan2fea.estimation.outline import edge_lengths, first_across, inward, outline_distance
@@ -23,7 +24,6 @@ from scan2fea.kernel.sections import ROUND, section
 from scan2fea.types import BoolArray, FloatArray, IntArray, Member, Section
 
 _SIGMAS = 4.0
-_ROUNDED = 3.0  # walls: outer radius of the corners of cold formed hollow sections, EN 10219-2
 _A_BIN, _FEWEST, _MOST = 12.0, 4, 64  # points of the face on average, and bins
 _BARE = 0.1  # of the points of the fullest bin
 _WIDER = 3.0  # times any other bare run: gaps between the lines of a scanner are alike
@@ -41,7 +41,7 @@ def open_face(points: FloatArray, member: Member, covers: Covers = ()) -> str:
     distance, edge, along = outline_distance(shape, local[:, :2])
     of_sides = (np.abs(distance) <= _SIGMAS * sigma + TOLERANCE * size) & (local[:, 2] > 0) & (local[:, 2] < values["length"])
     edge, along = edge[of_sides], along[of_sides]
-    rounded = min((_ROUNDED * values[name] for name in walls(member.family)), default=CORNER * float(np.ptp(shape.loops[0], axis=0).min()))
+    rounded = min((ROUNDED * values[name] for name in walls(member.family)), default=CORNER * float(np.ptp(shape.loops[0], axis=0).min()))
     clear = _SIGMAS * sigma + rounded  # of the corners, and of points of the faces beyond them
     names = [name for loop in shape.face_names for name in loop]
     closed = member.family == "RHS"

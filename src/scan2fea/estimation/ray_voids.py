@@ -14,7 +14,7 @@ from scan2fea.estimation.holes import VOID_CELLS, VOID_POINTS, on_faces
 from scan2fea.estimation.outline import outline_distance
 from scan2fea.estimation.solid import swept
 from scan2fea.estimation.swept import sweep_of_member
-from scan2fea.kernel.noise import sampled_rows
+from scan2fea.kernel.noise import QUANTILE, sampled_rows
 from scan2fea.kernel.normals import normals_at
 from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.kernel.sections import ROUND, section
@@ -31,14 +31,20 @@ _ASKED = 20_000  # rays
 
 def in_sheets(scan: Scan, seed: int = 0) -> bool:
     """Whether most points lie in planes that hold their own rays. False where rays are not known."""
+    across = _facing(scan, seed)
+    return len(across) > 0 and bool(np.mean(across < _EDGE_ON) > 0.5)
+
+
+def _facing(scan: Scan, seed: int) -> FloatArray:
+    """(m,) |cosine| between rays and the normal of the neighbours of their points, of a draw of these; none where rays are not known."""
     known = np.flatnonzero(scan.cloud.ray >= 0)
     if scan.rays is None or len(known) <= _NEIGHBOURS:
-        return False
+        return np.zeros(0)
     points = scan.cloud.points[known]
     some = sampled_rows(len(points), _POINTS, seed)
     normal = normals_at(points[some], points, _NEIGHBOURS)
     way = scan.rays.direction[scan.cloud.ray[known[some]]]
-    return float(np.mean(np.abs(np.einsum("ni,ni->n", normal, way)) < _EDGE_ON)) > 0.5
+    return np.asarray(np.abs(np.einsum("ni,ni->n", normal, way)))
 
 
 def shot_through(scan: Scan, member: Member, sigma_m: float) -> int:
@@ -97,8 +103,11 @@ def _from_corners(shape: Section, family: str, xy: FloatArray) -> FloatArray:
 
 def told_by_rays(scan: Scan, member: Member, sigma_m: float, seed: int = 0, *, misses_known: bool = True) -> ByRays:
     """What `explanation` is told of a member that was fitted to rays: holes, and where the rays that hit would measure it. sigma_m : of the range."""
-    asked = misses_known or in_sheets(scan, seed)  # what was hit behind a hole tells of it, and the gaps between rings tell nothing
-    return ByRays(voids=shot_through(scan, member, sigma_m) if asked else None, again=_measured_again(scan, member, sigma_m, seed))
+    sheets = in_sheets(scan, seed)
+    asked = misses_known or sheets  # what was hit behind a hole tells of it, and the gaps between rings tell nothing
+    voids = shot_through(scan, member, sigma_m) if asked else None
+    facing = 0.0 if sheets else float(np.quantile(_facing(scan, seed), QUANTILE))
+    return ByRays(voids=voids, again=_measured_again(scan, member, sigma_m, seed), facing=facing)
 
 
 def _measured_again(scan: Scan, member: Member, sigma_m: float, seed: int) -> FloatArray:

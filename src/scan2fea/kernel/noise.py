@@ -15,7 +15,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray
 SPACING_NEIGHBORS = 6  # reconstruction.md: h = median of the mean distance to 6 neighbours
 _SPACING_QUERIES = 20_000  # the median of 20,000 draws is within 1 % of the median of all where the spacing varies by a factor of 2
 _SIGMA_QUERIES = 1_000
-_QUANTILE = 0.3  # patches across an edge read too high, so the scale is taken from the flat ones: low quantile, exact factor below
+QUANTILE = 0.3  # patches across an edge read too high, so the scale is taken from the flat ones: low quantile, exact factor below
 _SHEET_SHARE = 0.5  # of a patch must lie on the point's own sheet: less is a stripe of the scan, or several sheets
 _SAME_SIDE = 0.3  # cosine between normals of one side of a wall
 _FLAT = 0.3  # a neighbourhood tells noise from shape only if it is this much thinner than wide
@@ -77,8 +77,8 @@ def noise_sigma(
         if flattest <= _EXACT * float(np.median(width[good])):
             return flattest
         dof = used[good] - QUADRIC_TERMS
-        scaled = rms[good] / np.sqrt(2.0 * gammaincinv(dof / 2.0, _QUANTILE) / dof)
-        sigma = float(np.quantile(scaled, _QUANTILE))
+        scaled = rms[good] / np.sqrt(2.0 * gammaincinv(dof / 2.0, QUANTILE) / dof)
+        sigma = float(np.quantile(scaled, QUANTILE))
         if sigma <= _FLAT * float(np.median(width[good])):
             return sigma
         if sigma > below_m:  # wider neighbourhoods hold more of the noise, not less

@@ -46,6 +46,22 @@ def test_a_wall_that_was_cut_through_is_told_by_the_points_of_its_cut(family, sh
     assert where.to_m == pytest.approx(LENGTH, abs=0.02)
 
 
+@pytest.mark.parametrize("family", ["I", "C"])
+def test_a_flange_that_is_narrower_than_its_fellow_is_told(family):
+    """Strips along the toes, narrower than square cells: an I with flanges of 200 and 170 mm had been told as one with two of 200.0 +- 0.4 mm."""
+    member = made(family, LENGTH)
+    values, rng = member.values(), np.random.default_rng(5)
+    points = scanned(member, 6_000, 0.0, 0)
+    top, right = points[:, 1].max(), points[:, 0].max()
+    toe = right - 0.07 * values["b"]
+    points = points[(points[:, 1] < top - 1.01 * values["tf"]) | (points[:, 0] < toe)]
+    n = round(6_000 / (4 * values["b"] + 2 * values["h"]) * values["tf"])
+    toes = np.c_[np.full(n, toe), rng.uniform(top - values["tf"], top, n), rng.uniform(0, LENGTH, n)]
+    points = np.concatenate([points, toes]) + SIGMA * rng.standard_normal((len(points) + n, 3))
+    told = explanation(points, member, SIGMA)
+    assert not told.explains and "cut through" in told.reason
+
+
 @pytest.mark.parametrize(("family", "share"), [("L", 0.5), ("I", 0.8), ("RHS", 0.5)])
 def test_a_wall_that_no_side_was_seen_of_may_be_hidden(family, share):
     member = made(family, LENGTH)

@@ -1,9 +1,17 @@
 """frame.json."""
 
 import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
 
 from estimation.made import made
-from scan2fea.pipeline.frame_file import write_frame
+from scan2fea.errors import StageError
+from scan2fea.fea import FeaOptions
+from scan2fea.pipeline.frame_file import frame_of, write_frame
+from scan2fea.pipeline.results import assumed
+from scan2fea.types import SectionChange
 
 
 def test_members_are_written_by_name(tmp_path):
@@ -13,3 +21,15 @@ def test_members_are_written_by_name(tmp_path):
     rows = json.loads((tmp_path / "frame.json").read_text(encoding="utf-8"))
     assert [m["name"] for m in rows["members"]] == ["OBJECT_01", "OBJECT_02"]
     assert len(rows["nodes"]) == 4 and [s["family"] for s in rows["sections"]] == ["L", "CHS"]
+
+
+def test_a_section_that_changes_is_told_and_no_beam_of_one_section(tmp_path):
+    """A tapered pole, right to 0.01 % of its volume, had been refused for deflecting otherwise than a beam of its least section."""
+    change = SectionChange(kind="taper", dimension="d", z_m=np.array([0.0, 3.0]), value_m=np.array([0.1, 0.2]), std_m=np.zeros(2))
+    pole = replace(made("CHS", 3.0), change=change)
+    assert write_frame(tmp_path, [made("L", 2.0), pole], ["OBJECT_01", "OBJECT_02"])
+    first, second = json.loads((tmp_path / "frame.json").read_text(encoding="utf-8"))["members"]
+    assert "change" not in first and second["change"]["value_m"] == [0.1, 0.2]
+    with pytest.raises(StageError, match="section changes"):
+        frame_of([pole], FeaOptions())
+    assert "d changes along it, 100 to 200 mm" in assumed(pole) and "changes" not in assumed(made("CHS", 3.0))

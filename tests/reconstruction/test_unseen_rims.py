@@ -53,6 +53,13 @@ def test_half_a_rim_is_no_hole_and_a_solid_without_holes_is_not_asked():
     assert unseen_rims(PART, []) == ()
 
 
+@pytest.mark.parametrize(("due", "n"), [(3.0, 1.0), (1.0, 0.0)])
+def test_wide_faces_close_a_rim_that_lies_beside_another_wall(due, n):
+    """A hole in a plate of a cross, on the line where it meets the other, had passed: that wall had no points there either."""
+    others = np.setdiff1d(rim(), rim(0.7))
+    assert unseen_rims(PART, [stretch(rim(0.7), 1.0)], np.where(np.isin(np.arange(len(PART.faces)), others), due, 0.5))[0].value == n
+
+
 def test_pose_and_scale_do_not_matter():
     turned = moved(PART, 7.0 * np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), np.array([3.0, -2.0, 5.0]))
     assert unseen_rims(turned, [stretch(rim(), 1.0)])[0].value == 1.0

@@ -23,6 +23,7 @@ from scipy.special import gammainc
 from scan2fea.estimation.holes import VOID_CELLS, VOID_POINTS
 from scan2fea.estimation.outline import edge_lengths, first_across, inward
 from scan2fea.kernel.region_margins import region_margins
+from scan2fea.kernel.section_likelihood import faces
 from scan2fea.kernel.sections import section
 from scan2fea.types import BoolArray, FloatArray, IntArray, Member, Section, Value
 
@@ -32,6 +33,7 @@ _SEEN = 0.5  # of a strip along the member: a side that was seen
 _CHANCE = 1e-6  # of as many points inside a wall that is whole
 _LEAST_DEEP = 8
 _BESIDE = 2  # cells beside a bare region that tell how dense its surroundings are
+_NARROW = 8.0  # cells of another shape: a flange that is narrower than its fellow lacks strips that squares are too wide to show
 _LEAST_BARE = 8.0  # points that both sides of a bare place would hold, at least, where its border tells that it was cut
 
 
@@ -94,12 +96,20 @@ def cuts(member: Member, side: FloatArray, edge: IntArray, along: FloatArray, z:
     side, edge, along, z : (n,) of the points: signed distance to the outline, m, negative inside; the nearest edge; place along it; along the member.
     sigma_m : noise.
     """
+    found = _places(member, side, edge, along, z, sigma_m)
+    if any("TOE" in name for name in faces(member.family)) and not any(cut.is_cut for cut in found):  # rounded corners of tubes and bars lie within
+        found += [cut for cut in _places(member, side, edge, along, z, sigma_m, _NARROW) if cut.is_cut]
+    return tuple(sorted(found, key=lambda cut: -cut.area_m2))
+
+
+def _places(member: Member, side: FloatArray, edge: IntArray, along: FloatArray, z: FloatArray, sigma_m: float, narrow: float = 1.0) -> list[Cut]:
+    """As `cuts`, in cells that many times as narrow as a square of as many points, and as many times as long."""
     shape, length = section(member.family, member.values()), member.values()["length"]
     cell = math.sqrt(_CELL_POINTS * float(edge_lengths(shape).sum()) * length / max(len(z), 1))
-    n_z = min(round(length / cell), 2000)
+    n_z = min(round(length / (narrow * cell)), 2000)
     if n_z < VOID_CELLS:
-        return ()
-    strips = _strips(shape, cell)
+        return []
+    strips = _strips(shape, cell / narrow)
     row = _row(strips, edge, along)
     place = np.clip((z / length * n_z).astype(np.int64), 0, n_z - 1)
     inside = (z > 0) & (z < length) & (np.abs(side) < np.maximum(4 * sigma_m, strips.wall_m[row]))
@@ -107,7 +117,7 @@ def cuts(member: Member, side: FloatArray, edge: IntArray, along: FloatArray, z:
     shown = _counts(row[inside & ~deep], place[inside & ~deep], len(strips.edge), n_z)
     within = _counts(row[deep], place[deep], len(strips.edge), n_z)
     counted = _Counted(shown=shown, within=within, own=_of_member(member, strips, n_z), step_m=length / n_z)
-    return tuple(sorted(_found(shape, strips, counted, 4 * sigma_m), key=lambda cut: -cut.area_m2))
+    return _found(shape, strips, counted, 4 * sigma_m)
 
 
 def _counts(row: IntArray, place: IntArray, n_rows: int, n_z: int) -> IntArray:

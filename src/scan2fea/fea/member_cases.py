@@ -69,9 +69,11 @@ def member_cases(
 ) -> tuple[list[CaseResult], list[CaseField]]:
     """(`rows` with expected figures and standard deviations where theory has them, and the member's own rows; fields of these).
 
-    shapes : (k, n, 3) elastic modes of the free body.   Members shorter than SLENDER times their section get standard deviations alone.
-    Raises SolveError.
+    shapes : (k, n, 3) elastic modes of the free body.   Members shorter than SLENDER times their section get standard deviations alone; where the
+    section changes along the axis theory and budget, which are of one section, say nothing.   Raises SolveError.
     """
+    if member.change is not None:
+        return list(rows), []
     values = member.values()
     p = properties_of(member.family, {n: values[n] for n in PARAMETERS[member.family]}, member.root.radius_m)
     found = budget(member, model.material, options.test_force_n, options.n_samples, options.seed)

@@ -46,7 +46,7 @@ def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Giv
         "T_world_member": np.asarray(member.T_world_member).tolist(),
         "bow_m": np.asarray(member.bow).tolist(),
         "twist_rad": np.asarray(member.twist).tolist(),
-        "change": _change_row(member),
+        "change": change_row(member),
         "bends": [
             {
                 "start_m": b.start_m,
@@ -93,6 +93,15 @@ def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Giv
     }
 
 
+def changing(member: Member) -> str:
+    """The dimension that changes along the member, for the verdict's line."""
+    change = member.change
+    if change is None:
+        return ""
+    sizes = " to ".join(f"{x * MILLIMETRES_PER_METRE:.4g}" for x in change.value_m)
+    return f"; {change.dimension} changes along it, {sizes} mm: no beam theory is held against the solid, and there are no beams of it"
+
+
 def rooted(member: Member) -> str:
     """The root fillets that the solid has though no dimension of the section says so, or that it may lack."""
     root = member.root
@@ -105,7 +114,7 @@ def rooted(member: Member) -> str:
     return f"; root fillets are not observable, built with sharp corners{most}"
 
 
-def _change_row(member: Member) -> dict[str, Any] | None:
+def change_row(member: Member) -> dict[str, Any] | None:
     """The dimension that changes along the axis, at its knots."""
     change = member.change
     if change is None:

@@ -30,7 +30,7 @@ from scan2fea.reconstruction.gates_surface import (
 )
 from scan2fea.reconstruction.hidden_volume import REACH, REACH_UNSEEN, hidden_volume
 from scan2fea.reconstruction.unseen_rims import UNSEEN_RIMS, unseen_rims
-from scan2fea.reconstruction.wall_ends import stretches, told_ends
+from scan2fea.reconstruction.wall_ends import points_due, stretches, told_ends
 from scan2fea.types import Check
 
 UNMEASURED_SEEN, UNMEASURED_UNSEEN = 0.10, 0.02  # of the area, with and without sensor positions
@@ -116,7 +116,7 @@ def gates_again(evidence: Evidence, before: tuple[Check, ...], seen: bool) -> tu
 def _ends(evidence: Evidence) -> tuple[Check, ...]:
     """What may hide beyond ends of walls without points, and which holes have no other rim."""
     unproved, every = stretches(evidence)
-    return (told_ends(evidence, unproved, every), *unseen_rims(evidence.mesh, every))
+    return (told_ends(evidence, unproved, every), *unseen_rims(evidence.mesh, every, points_due(evidence) if every else None))
 
 
 def in_all(*checks: Check) -> tuple[Check, ...]:

@@ -1,7 +1,8 @@
 """Holes whose rims nobody saw: a gap in the scan of both faces of a wall comes out as a hole that hides little volume.
 
 The rim of a hole that was scanned has points of its own, or sight lines pass it. Holes of rims that have neither are counted by the handles that the
-surface lacks without these rims.
+surface lacks without these rims. A rim beside another wall of the part is closed by that wall, which has no points there either: wide faces that
+touch a rim are of the same gap.
 """
 
 from __future__ import annotations
@@ -16,16 +17,17 @@ from scan2fea.kernel.measures import face_areas
 from scan2fea.kernel.topology import corner_fans, edge_table, face_components, surface_topology
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.wall_ends import Stretch
-from scan2fea.types import BoolArray, Check, IntArray, TriangleMesh
+from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh
 
 UNSEEN_RIMS = "holes with rims that nobody saw"
+WIDE = 1.5  # points due on a face: one in 25 is wider where points are scattered evenly
 UNPROVED = 0.5  # of the area of a rim without points: with more of it passed by sight lines it is one
 
 
-def unseen_rims(mesh: TriangleMesh, every: Sequence[Stretch]) -> tuple[Check, ...]:
+def unseen_rims(mesh: TriangleMesh, every: Sequence[Stretch], due: FloatArray | None = None) -> tuple[Check, ...]:
     """How many holes of a closed surface go with the ends of walls without points past most of which no line passes? None where it has no holes.
 
-    every : those ends.   The faces beside a rim are left out too: single points in a gap part it.
+    every : those ends.   due : (m,) points due on each face.   The faces beside a rim are left out too: single points in a gap part it.
     """
     areas = face_areas(mesh)
     rims = [stretch.faces for stretch in every if areas[stretch.faces] @ np.isinf(stretch.slack_m) > UNPROVED * areas[stretch.faces].sum()]
@@ -33,6 +35,9 @@ def unseen_rims(mesh: TriangleMesh, every: Sequence[Stretch]) -> tuple[Check, ..
     if not n_handles:
         return ()
     off = np.concatenate(rims)
+    wide = np.zeros(len(areas), bool) if due is None else due > WIDE
+    while len(more := np.setdiff1d(np.flatnonzero(wide & _beside(mesh.faces, off)), off)):
+        off = np.concatenate([off, more])
     n = n_handles - handles(mesh.faces[~_beside(mesh.faces, off)])
     where = around(mesh.vertices[mesh.faces[off]].mean(axis=1))
     says = f"{n} holes go through walls where no point lies on their rims and no sight line passes{where}: holes, or not scanned; scan there too"

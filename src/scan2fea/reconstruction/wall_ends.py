@@ -150,6 +150,13 @@ def stretches(evidence: Evidence) -> tuple[list[Stretch], list[Stretch]]:
     return _gathered(evidence, bare[np.isinf(slack[bare])], due, thick, slack), _gathered(evidence, bare, due, thick, slack)
 
 
+def points_due(evidence: Evidence) -> FloatArray:
+    """(m,) points due on each face by how close they lie round its corners."""
+    corner = k_nearest(evidence.smoothed, 1, evidence.mesh.vertices)[1][:, 0][evidence.mesh.faces]
+    apart = np.median(_spacing(evidence, np.unique(corner))[corner], axis=1)
+    return np.asarray(DENSITY * face_areas(evidence.mesh) / apart**2)
+
+
 def _spacing(evidence: Evidence, rows: IntArray) -> FloatArray:
     """(n,) distance between points round each at some rows, inf elsewhere; where sensors are known the median of what its neighbours have.
 

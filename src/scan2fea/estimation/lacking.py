@@ -24,13 +24,24 @@ _DENSITY = 0.25  # of all sides: fewer points are no face that was seen
 
 
 def lacking(points: FloatArray, member: Member, seed: int = 0) -> str:
-    """Why the section holds too little or too much; "" where it does not, where a dimension is not observable, or where noise joins two faces.
+    """Why the section holds too little or too much; "" where it does not, or where that is not told. points : (n, 3) metres."""
+    share = lack(points, member, seed)
+    if abs(share) <= LIMIT:
+        return ""
+    return (
+        f"the points lie off the faces of the {member.family} member by {100 * share:+.1f} % of its section (limit {100 * LIMIT:.0f} %): sloping "
+        "flanges, large fillets, or another shape"
+    )
 
-    points : (n, 3) metres.
+
+def lack(points: FloatArray, member: Member, seed: int = 0) -> float:
+    """What the points hold beyond the section, over its area, below 0 where it holds too much; 0 where a dimension is not observable, the section
+    changes, or noise joins two faces. points : (n, 3) metres.
     """
     values, sigma = member.values(), member.sigma_m
-    if member.family in ROUND or any(not p.observable or p.value_m <= _SIGMAS * sigma for p in member.parameters):
-        return ""
+    is_told = all(p.observable and p.value_m > _SIGMAS * sigma for p in member.parameters)
+    if member.family in ROUND or member.change is not None or not is_told:
+        return 0.0
     shape = section(member.family, values)
     long = edge_lengths(shape)
     reach = _SIGMAS * sigma + CORNER * float(np.linalg.norm(np.ptp(shape.loops[0], axis=0)))
@@ -48,10 +59,4 @@ def lacking(points: FloatArray, member: Member, seed: int = 0) -> str:
         for one in range(n):
             there = off[own][stretch == one]
             area += width / n * float(np.median(there)) if len(there) >= _LEAST else 0.0
-    share = area / section_area(shape)
-    if abs(share) <= LIMIT:
-        return ""
-    return (
-        f"the points lie off the faces of the {member.family} member by {100 * share:+.1f} % of its section (limit {100 * LIMIT:.0f} %): sloping "
-        "flanges, large fillets, or another shape"
-    )
+    return area / section_area(shape)

@@ -186,7 +186,7 @@ def _sharp(scan: Scan, options: MemberOptions, fixed: Mapping[str, float] | None
     if found.explains and not more and not inside:
         has_rays = scan.rays is not None and bool((scan.cloud.ray >= 0).any())
         more = seen_through(scan, member, options.seed) if has_rays else open_face(points, member, covers)
-    if found.explains and not more and not fixed and member.change is None:
+    if found.explains and not more and not fixed:
         more = lacking(points, member, options.seed)
     return dataclasses.replace(found, member=member, explains=found.explains and not more, reason=more or found.reason)
 

@@ -41,6 +41,7 @@ SCHEMA = 1
 
 MAX_NAMES = 500  # names of more CAD faces than this help nobody
 _MANY_STRAYS = 0.05  # of the points: from there on the deviation told of 95 % of them is that of strays
+_MUCH = 0.01  # of the section: what is asked of a volume
 LIBRARIES = ("numpy", "scipy", "numba", "PyMaxflow", "gmsh", "cadquery-ocp-novtk", "pyamg")
 
 
@@ -286,8 +287,8 @@ def assumed(member: Member) -> str:
 
 
 def left_out(found: Estimate) -> str:
-    """What the points do not show of a member, for the verdict's line: ends without a face that was seen, a wall of which neither side was; and how
-    many points it leaves to nothing, where more than one in twenty.
+    """What the points do not show of a member, for the verdict's line: ends without a face that was seen, a wall of which neither side was; how
+    many points it leaves to nothing, where more than one in twenty, and how much of its section, where more than a hundredth.
     """
     share, bare = found.stray_share, ("", "one end", "both ends")[found.bare_ends]
     ends = f"; of {bare} no face was seen: the member is taken to end where its sides do" if bare else ""
@@ -295,6 +296,8 @@ def left_out(found: Estimate) -> str:
     if wall is not None:
         where = f"between {wall.from_m:.3f} and {wall.to_m:.3f} m along it"
         ends += f"; {where} neither {wall.face} nor the side behind it was seen: the wall is taken to be there"
+    if abs(found.lack) > _MUCH:
+        ends += f"; its points lie off its faces by {found.lack:+.1%} of the section: roundings or slopes that the solid has not"
     return ends + (f"; {share:.0%} of the points lie off it, scattered, and were taken for strays" if share > _MANY_STRAYS else "")
 
 

@@ -19,6 +19,7 @@ from scan2fea.estimation.designation import parse_designation
 from scan2fea.estimation.elbows import bent_back, laid_out
 from scan2fea.estimation.fit import SectionFit
 from scan2fea.estimation.given import Given, contradictions
+from scan2fea.estimation.lacking import lack
 from scan2fea.estimation.member import MemberFit, MemberOptions, fit_member
 from scan2fea.estimation.resting import END, rested, standing
 from scan2fea.estimation.seated import seated
@@ -58,7 +59,8 @@ class Estimate(Value):
     bare_ends : ends of which no face was seen, and that rest on nothing.   bare_wall : the largest stretch of a wall of which neither side was
     seen.   bare_share : of the area of its sides, that of all such stretches.
     strip : why it is only part of what was scanned, as an object of its own beside it shows; "" where none does.
-    stray_share : of the points, off a member that explains the others, and no crowd.   likeliest : the section that explains the points of which
+    stray_share : of the points, off a member that explains the others, and no crowd.   lack : of its section, what the points hold beyond it, below 0
+    where it holds too much.   likeliest : the section that explains the points of which
     they tell no dimension: to look at, not to build.
     """
 
@@ -74,6 +76,7 @@ class Estimate(Value):
     bare_share: float = 0.0
     strip: str = ""
     stray_share: float = 0.0
+    lack: float = 0.0
     likeliest: Member | None = None
 
     @property
@@ -207,6 +210,7 @@ def _straight(
         stray_share=told.stray_share if fit.explains else 0.0, open_end=fit.why.get("length", "") if fit.explains else "",
         bare_ends=_bare_ends(fit, is_rested or END in member.seated), bare_wall=told.cuts[0] if fit.explains and told.cuts else None,
         bare_share=share_of_sides(told.cuts, fit.member) if fit.explains else 0.0,
+        lack=lack(scan.cloud.points, fit.member, options.seed) if fit.explains and not fit.member.root.radius_m else 0.0,
     )  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from scan2fea.kernel.transforms import applied, inverse
 from scan2fea.registration.pose_graph import GraphLink, GraphResult, components, optimise, rotation_vector
 from scan2fea.registration.quality import BLOCKS, judge
 from scan2fea.registration.register import LEAST_CONSISTENCY, LEAST_OVERLAP, Link, Matcher, Registered, is_sure, may_overlap, register
+from scan2fea.registration.sight import is_station
 from scan2fea.registration.surface import Surface, common_edge, surface_of
 from scan2fea.types import BoolArray, FloatArray, Scan, Value
 
@@ -66,17 +67,20 @@ def arrange(
     if edge <= 0:
         return state.arranged([k for k in range(n) if not len(scans[k].cloud)])
     empty = Scan(cloud=scans[0].cloud.take(np.zeros(0, np.int64)))
-    surfaces = in_threads(lambda k: surface_of(scans[k] if k in open_ else empty, edge), range(n))
+    origins = [_origin(scans[k]) for k in range(n)]
+    at_origin = [k in open_ and T_given[k] is None and not np.isfinite(origins[k][1]) and is_station(scans[k].cloud.points) for k in range(n)]
+    origins = [(np.zeros(3), 0.0) if own else told for own, told in zip(at_origin, origins, strict=True)]
+    surfaces = in_threads(lambda k: surface_of(scans[k] if k in open_ else empty, edge, np.zeros(3) if at_origin[k] else None), range(n))
     usable = [k for k in open_ if not surfaces[k].is_small]
     for k in open_:
         if surfaces[k].is_small and T_given[k] is None:
             state.how[k] = "too small"
-    trusted = [] if free else _trusted(surfaces, usable, T_given, [_origin(scans[k]) for k in range(n)], state, seed)
+    trusted = [] if free else _trusted(surfaces, usable, T_given, origins, state, seed)
     if correct and len(trusted) > 1:
         _correct(surfaces, trusted, state, seed)
     rest = [k for k in usable if k not in trusted]
     if rest and len(usable) > 1:
-        _register_rest(surfaces, usable, trusted, state, seed)
+        _register_rest(surfaces, usable, trusted, state, [k for k in usable if at_origin[k]], seed)
     return state.arranged([k for k in range(n) if not len(scans[k].cloud)])
 
 
@@ -282,8 +286,10 @@ def _is_significant(surface: Surface, T_start: FloatArray, T_found: FloatArray, 
     return wald > 6.0 * float(fdtri(6, BLOCKS**2, 1.0 - SIGNIFICANT))
 
 
-def _register_rest(surfaces: Sequence[Surface], usable: Sequence[int], trusted: Sequence[int], state: _State, seed: int) -> None:
-    """Search the place of the frames that nothing tells."""
+def _register_rest(
+    surfaces: Sequence[Surface], usable: Sequence[int], trusted: Sequence[int], state: _State, own: Sequence[int], seed: int
+) -> None:
+    """Search the place of the frames that nothing tells. own : frames in the coordinates of their scanner, which say nothing of where it stood."""
     known = [k for k in usable if not state.unknown or k in trusted]
     start: list[FloatArray | None] = [state.pose[k] if k in known else None for k in range(len(surfaces))]
     found = register(surfaces, start, held=trusted, seed=seed)
@@ -296,7 +302,7 @@ def _register_rest(surfaces: Sequence[Surface], usable: Sequence[int], trusted: 
             continue
         if found.placed[k]:
             state.pose[k], state.how[k], state.std[k] = found.T_world_frame[k], "registered", _std(found.covariance[k])
-        elif not (state.unknown or state.free) and _is_apart(surfaces, k, usable, state.pose):
+        elif not (state.unknown or state.free or (k in own and len(own) > 1)) and _is_apart(surfaces, k, usable, state.pose):
             state.notes.append(f"{state.names[k]}: stays as it lies, beside the other inputs: {found.reasons[k]}")
         else:
             state.how[k] = "left out"

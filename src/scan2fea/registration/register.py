@@ -17,7 +17,8 @@ from scan2fea.registration.pairing import pairs_of
 from scan2fea.registration.pose_graph import GraphLink, GraphOptions, GraphResult, components, optimise, rotation_vector, triangles_closed
 from scan2fea.registration.quality import Quality, judge
 from scan2fea.registration.ransac import Features, Proposal, RansacOptions, propose
-from scan2fea.registration.surface import Surface
+from scan2fea.registration.surface import Surface, sees_through
+from scan2fea.registration.worlds import Arranger, Guess
 from scan2fea.types import BoolArray, FloatArray, Value
 
 LEAST_OVERLAP = 0.15  # of the smaller frame
@@ -34,6 +35,9 @@ SCREENED = 400  # points of a frame by which proposals are compared before ICP
 REFINED = 4  # proposals that ICP refines
 PARTNERS = 8  # placed frames against which one without a place is searched in each round
 LOOP_ROUNDS = 3
+SEEN_THROUGH = "surface of one would stand where the other's station looked through"
+ELSEWHERE = "a different place fits as well (the surfaces repeat or are symmetric)"
+OTHER_PLACE = "contradicts the other links"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -71,6 +75,7 @@ class Matcher:
         self.surfaces, self.seed = surfaces, seed
         self._trees: dict[int, NearTree] = {}
         self._features: dict[int, Features] = {}
+        self.guesses: dict[tuple[int, int], list[Link]] = {}  # of each pair, what can be used
 
     def tree(self, k: int) -> NearTree:
         if k not in self._trees:
@@ -87,9 +92,23 @@ class Matcher:
         a, b = self.surfaces[target], self.surfaces[source]
         found = icp(b, a, self.tree(target), T_start)
         quality = judge(b, a, self.tree(target), found.T_target_source)
-        return Link(
-            target=target, source=source, T_target_source=found.T_target_source, quality=quality, how=how, reason=why_not(quality, found.converged)
-        )
+        reason = why_not(quality, found.converged)
+        if not reason and sees_through(a, b, found.T_target_source):
+            reason = SEEN_THROUGH
+        link = Link(target=target, source=source, T_target_source=found.T_target_source, quality=quality, how=how, reason=reason)
+        if link.used and self.both_seen(target, source):
+            self.guesses.setdefault((target, source), []).append(link)
+        return link
+
+    def lies(self, target: int, source: int, T_target_source: FloatArray) -> bool:
+        """True where two frames can lie like that, whatever motions it leaves open."""
+        a, b = self.surfaces[target], self.surfaces[source]
+        quality = judge(b, a, self.tree(target), T_target_source)
+        return quality.overlap >= LEAST_OVERLAP and quality.consistency >= SEEN_CONSISTENCY and not quality.blocked > MOST_BLOCKED
+
+    def both_seen(self, a: int, b: int) -> bool:
+        """True where the stations of both frames are known."""
+        return self.surfaces[a].view is not None and self.surfaces[b].view is not None
 
     def search(self, target: int, source: int, options: RansacOptions = RansacOptions()) -> Link | None:
         """The best link without a start; None where the features propose none."""
@@ -99,8 +118,9 @@ class Matcher:
         )
         links = [self.refine(target, source, p.T_target_source, "search") for p in self._screened(target, source, proposals)]
         best = max(links, key=lambda link: (link.used, score(link)), default=None)
-        if best is not None and best.used and any(self._rivals(best, link) for link in links):
-            return replace(best, reason="a different place fits as well (the surfaces repeat or are symmetric)")
+        # where both stations are known, what a third frame sees decides between them (`worlds`)
+        if best is not None and best.used and not self.both_seen(target, source) and any(self._rivals(best, link) for link in links):
+            return replace(best, reason=ELSEWHERE)
         return best
 
     def _rivals(self, best: Link, other: Link) -> bool:
@@ -173,9 +193,11 @@ def register(surfaces: Sequence[Surface], T_start: Sequence[FloatArray | None], 
         if link is not None:
             tried[target, source] = link
     tolerance = 4.0 * max((s.edge_m for s in surfaces), default=0.0)
+    arranger = Arranger(surfaces, tolerance)
     result: GraphResult | None = None
     poses: dict[int, FloatArray] = {}
     for round_ in range(LOOP_ROUNDS + 1):
+        tried = _possible(matcher, arranger, tried, T_start, held)
         poses, result, tried = _consistent(surfaces, tried, T_start, held, tolerance)
         if round_ == LOOP_ROUNDS:
             break
@@ -201,6 +223,37 @@ def _link(matcher: Matcher, target: int, source: int, T_start: Sequence[FloatArr
             return near
     found = matcher.search(target, source)
     return max([k for k in (near, found) if k is not None], key=lambda k: (k.used, score(k)), default=None)
+
+
+def _possible(
+    matcher: Matcher, arranger: Arranger, tried: dict[tuple[int, int], Link], T_start: Sequence[FloatArray | None], held: Sequence[int]
+) -> dict[tuple[int, int], Link]:
+    """The links of the largest arrangement in which no station sees through what another saw; the others get their reason.
+
+    Links of frames whose stations are not known are left as they are, and so are all where none is.
+    """
+    if not matcher.guesses:
+        return tried
+    links = [link for own in matcher.guesses.values() for link in own]
+    links += [link for pair, link in tried.items() if link.used and pair not in matcher.guesses]
+    guesses = [Guess(target=k.target, source=k.source, T_target_source=k.T_target_source, score=score(k)) for k in links]
+    roots = {k: T for k in held if (T := T_start[k]) is not None}
+    worlds = arranger.worlds(roots, guesses)
+    fresh = dict(tried)
+    if not worlds:
+        return fresh
+    best = worlds[0].poses
+    doubtful = arranger.elsewhere(worlds[0], worlds[1:], set(held)) | arranger.turned(worlds[0], matcher.lies, set(held))
+    for pair in {(k.target, k.source) for k in links}:
+        own = [k for k in links if (k.target, k.source) == pair]
+        known = best.keys() >= set(pair)
+        inside = [k for k in own if known and not arranger.apart(k.source, best[k.target] @ k.T_target_source, best[k.source])]
+        if inside and not doubtful.intersection(pair):
+            fresh[pair] = max(inside, key=score)
+        else:
+            why = ELSEWHERE if doubtful.intersection(pair) else SEEN_THROUGH if worlds[0].refused.intersection(pair) else OTHER_PLACE
+            fresh[pair] = replace(max(own, key=score), reason=why)
+    return fresh
 
 
 def _consistent(
@@ -241,7 +294,7 @@ def _consistent(
     for p, weight in zip(kept, result.weight.tolist(), strict=True):
         off = discrepancy(used[p], result.T_world_frame[at[p[0]]], result.T_world_frame[at[p[1]]])
         if weight < GraphOptions().reject_below and off > surfaces[p[0]].edge_m:
-            fresh[p] = replace(used[p], reason="contradicts the other links")
+            fresh[p] = replace(used[p], reason=OTHER_PLACE)
     if any(not fresh[p].used for p in kept):  # what contradicts must not carry a frame on its own
         return _consistent(surfaces, fresh, T_start, held, tolerance)
     return {k: result.T_world_frame[at[k]] for k in order}, result, fresh

@@ -12,6 +12,7 @@ from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import noise_sigma, sampled_rows, spacing
 from scan2fea.kernel.normals import oriented_to, pca_normals
 from scan2fea.kernel.voxels import voxel_mean
+from scan2fea.registration.sight import TOLERANCE_EDGES, View, is_seen_through, view_of
 from scan2fea.types import BoolArray, FloatArray, IntArray, Scan, Value
 
 CELLS = 6_000  # of the largest frame: enough for a pose far below the edge of a cell, few enough for a tenth of a second each
@@ -27,7 +28,7 @@ FLAT = 1e-3  # of the largest extent: thinner sideways is a line
 class Surface(Value):
     """points : (n, 3) voxel means of edge `edge_m`.   normals : (n, 3) unit, toward the sensor where `is_seen` (n,) says so, else of
     any sign.   station : (3,) where all of it was seen from, nan where that is not known or not one place.   spacing_m, sigma_m : of the points
-    before they were averaged; nan where they cannot be told.
+    before they were averaged; nan where they cannot be told.   view : what the station saw, None where it is not known.
     """
 
     points: FloatArray
@@ -37,6 +38,7 @@ class Surface(Value):
     edge_m: float
     spacing_m: float
     sigma_m: float
+    view: View | None = None
 
     _ROWS = (("points", "normals", "is_seen"),)
 
@@ -91,8 +93,12 @@ def _full(points: FloatArray, clouds: Sequence[FloatArray]) -> int:
     return max([len(points), *[len(c) for c in clouds if len(c) > SAMPLE and len(points) == SAMPLE]])
 
 
-def surface_of(scan: Scan, edge_m: float) -> Surface:
-    """Voxel means with normals. A normal points to where its points were seen from."""
+def surface_of(scan: Scan, edge_m: float, station: FloatArray | None = None) -> Surface:
+    """Voxel means with normals. A normal points to where its points were seen from.
+
+    station : (3,) where all of it was seen from as far as the points tell, for a scan that does not say. It gives sides and a view; the share of
+    blocked rays is asked only of stations that are stated.
+    """
     cloud = scan.cloud
     cells = voxel_mean(cloud.points, edge_m)
     points = cells.mean
@@ -102,21 +108,30 @@ def surface_of(scan: Scan, edge_m: float) -> Surface:
             points=points, normals=np.zeros_like(points), is_seen=nothing, station=unknown, edge_m=edge_m, spacing_m=np.nan, sigma_m=np.nan
         )
     normals = pca_normals(points, NORMAL_NEIGHBORS)
-    sensors = scan.sensors()[cells.first_row]
+    sensors = scan.sensors()[cells.first_row] if station is None else np.tile(station, (len(points), 1))
     is_seen = np.asarray(np.isfinite(sensors).all(axis=1))
     # points of the frame itself tell the noise, its voxel means would tell less
     rows = sampled_rows(len(cloud), SAMPLE, 0)
     sigma = noise_sigma(cloud.points[rows]) if len(rows) >= SMALL_CELLS else float("nan")
     one_place = is_seen.all() and bool((np.ptp(sensors, axis=0) <= edge_m).all())
+    place = sensors.mean(axis=0) if one_place else np.full(3, np.nan)
     return Surface(
         points=points,
         normals=oriented_to(normals, points, sensors),
         is_seen=is_seen,
-        station=sensors.mean(axis=0) if one_place else np.full(3, np.nan),
+        station=place if station is None else np.full(3, np.nan),
         edge_m=edge_m,
         spacing_m=spacing(cloud.points),
         sigma_m=sigma,
+        view=view_of(cloud.points, place) if one_place else None,
     )
+
+
+def sees_through(a: Surface, b: Surface, T_a_b: FloatArray, edges: float = TOLERANCE_EDGES) -> bool:
+    """True where surface of one stands in space that the other's station saw empty; False where either view is not known."""
+    if a.view is None or b.view is None:
+        return False
+    return is_seen_through(a.view, b.view, T_a_b, edges * max(a.edge_m, b.edge_m))
 
 
 def spread_rows(points: FloatArray, edge_m: float) -> IntArray:

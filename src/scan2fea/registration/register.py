@@ -35,8 +35,10 @@ SCREENED = 400  # points of a frame by which proposals are compared before ICP
 REFINED = 4  # proposals that ICP refines
 PARTNERS = 8  # placed frames against which one without a place is searched in each round
 LOOP_ROUNDS = 3
+HELD_EDGES = 0.1  # standard deviation up to which surface holds a link
 SEEN_THROUGH = "surface of one would stand where the other's station looked through"
 ELSEWHERE = "a different place fits as well (the surfaces repeat or are symmetric)"
+CREASES = "creases alone hold one on the other, and no third frame confirms it"
 OTHER_PLACE = "contradicts the other links"
 
 
@@ -250,6 +252,8 @@ def _possible(
         inside = [k for k in own if known and not arranger.apart(k.source, best[k.target] @ k.T_target_source, best[k.source])]
         if inside and not doubtful.intersection(pair):
             fresh[pair] = max(inside, key=score)
+            if len(best) == 2 and not held and fresh[pair].quality.std_m > HELD_EDGES * matcher.surfaces[pair[0]].edge_m:
+                fresh[pair] = replace(fresh[pair], reason=CREASES)  # nor is there a third frame that could contradict
         else:
             why = ELSEWHERE if doubtful.intersection(pair) else SEEN_THROUGH if worlds[0].refused.intersection(pair) else OTHER_PLACE
             fresh[pair] = replace(max(own, key=score), reason=why)
@@ -297,6 +301,8 @@ def _consistent(
             fresh[p] = replace(used[p], reason=OTHER_PLACE)
     if any(not fresh[p].used for p in kept):  # what contradicts must not carry a frame on its own
         return _consistent(surfaces, fresh, T_start, held, tolerance)
+    links = [replace(link, information=used[p].quality.told) for link, p in zip(links, kept, strict=True)]
+    result = optimise(result.T_world_frame, links, [at[k] for k in roots], about)
     return {k: result.T_world_frame[at[k]] for k in order}, result, fresh
 
 

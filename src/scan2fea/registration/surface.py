@@ -20,6 +20,7 @@ LEAST_SPACINGS = 2.0  # a cell holds about four points of a surface: its mean ha
 LEAST_SIGMAS = 3.0  # cells that noise does not double
 NORMAL_NEIGHBORS = 14
 SAMPLE = 60_000  # points of a frame that are looked at for its scale
+SMOOTH_EDGES = 0.25  # neighbours off their plane by less: at a square crease 0.5, by noise 0.17 at most (a cell: three deviations, four points)
 SMALL_CELLS = 60  # a frame of fewer cells has no shape that tells its place
 FLAT = 1e-3  # of the largest extent: thinner sideways is a line
 
@@ -27,20 +28,22 @@ FLAT = 1e-3  # of the largest extent: thinner sideways is a line
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Surface(Value):
     """points : (n, 3) voxel means of edge `edge_m`.   normals : (n, 3) unit, toward the sensor where `is_seen` (n,) says so, else of
-    any sign.   station : (3,) where all of it was seen from, nan where that is not known or not one place.   spacing_m, sigma_m : of the points
-    before they were averaged; nan where they cannot be told.   view : what the station saw, None where it is not known.
+    any sign.   is_smooth : (n,) neighbours lie on one plane, not about a crease.   station : (3,) where all of it was seen from, nan where that is
+    not known or not one place.   spacing_m, sigma_m : of the points before they were averaged; nan where they cannot be told.   view : what the
+    station saw, None where that is not known.
     """
 
     points: FloatArray
     normals: FloatArray
     is_seen: BoolArray
+    is_smooth: BoolArray
     station: FloatArray
     edge_m: float
     spacing_m: float
     sigma_m: float
     view: View | None = None
 
-    _ROWS = (("points", "normals", "is_seen"),)
+    _ROWS = (("points", "normals", "is_seen", "is_smooth"),)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -59,7 +62,7 @@ class Surface(Value):
 
     def few(self, rows: IntArray) -> Surface:
         """Some of the points."""
-        return replace(self, points=self.points[rows], normals=self.normals[rows], is_seen=self.is_seen[rows])
+        return replace(self, points=self.points[rows], normals=self.normals[rows], is_seen=self.is_seen[rows], is_smooth=self.is_smooth[rows])
 
     def tree(self) -> NearTree:
         return near_tree(self.points)
@@ -105,7 +108,14 @@ def surface_of(scan: Scan, edge_m: float, station: FloatArray | None = None) -> 
     if len(points) < 3:
         unknown, nothing = np.full(3, np.nan), np.zeros(len(points), bool)
         return Surface(
-            points=points, normals=np.zeros_like(points), is_seen=nothing, station=unknown, edge_m=edge_m, spacing_m=np.nan, sigma_m=np.nan
+            points=points,
+            normals=np.zeros_like(points),
+            is_seen=nothing,
+            is_smooth=nothing,
+            station=unknown,
+            edge_m=edge_m,
+            spacing_m=np.nan,
+            sigma_m=np.nan,
         )
     normals = pca_normals(points, NORMAL_NEIGHBORS)
     sensors = scan.sensors()[cells.first_row] if station is None else np.tile(station, (len(points), 1))
@@ -119,12 +129,20 @@ def surface_of(scan: Scan, edge_m: float, station: FloatArray | None = None) -> 
         points=points,
         normals=oriented_to(normals, points, sensors),
         is_seen=is_seen,
+        is_smooth=_off_plane(points, normals) < SMOOTH_EDGES * edge_m,
         station=place if station is None else np.full(3, np.nan),
         edge_m=edge_m,
         spacing_m=spacing(cloud.points),
         sigma_m=sigma,
         view=view_of(cloud.points, place) if one_place else None,
     )
+
+
+def _off_plane(points: FloatArray, normals: FloatArray) -> FloatArray:
+    """(n,) root mean square distance of the neighbours that gave a normal from their plane, m."""
+    near = points[k_nearest(points, NORMAL_NEIGHBORS)[1]]
+    height = np.einsum("nkc,nc->nk", near - near.mean(axis=1, keepdims=True), normals)
+    return np.asarray(np.sqrt((height**2).mean(axis=1)))
 
 
 def sees_through(a: Surface, b: Surface, T_a_b: FloatArray, edges: float = TOLERANCE_EDGES) -> bool:

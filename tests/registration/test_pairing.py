@@ -14,7 +14,14 @@ def surface(seed, n, seen=0.5):
     normals = rng.normal(size=(n, 3))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     return Surface(
-        points=rng.random((n, 3)), normals=normals, is_seen=rng.random(n) < seen, station=np.full(3, np.nan), edge_m=0.1, spacing_m=0.05, sigma_m=0.0
+        points=rng.random((n, 3)),
+        normals=normals,
+        is_seen=rng.random(n) < seen,
+        is_smooth=np.ones(n, bool),
+        station=np.full(3, np.nan),
+        edge_m=0.1,
+        spacing_m=0.05,
+        sigma_m=0.0,
     )
 
 

@@ -48,13 +48,22 @@ def points_of(mesh, keep, sigma, seed=0):
 def test_a_rim_without_points_is_told_in_noise(sigma):
     mesh = plate()
     blind = np.full((1, 3), np.nan)
-    whole = bare_faces(mesh, points_of(mesh, lambda n: np.ones(len(n), bool), sigma), blind, H)
+    whole = bare_faces(mesh, points_of(mesh, lambda n: np.ones(len(n), bool), sigma), blind, H, sigma)
     assert whole.passed and whole.value == 0.0
     points = points_of(mesh, lambda n: n[:, 0] < 0.5, sigma)
-    cut = bare_faces(mesh, points, np.full_like(points, np.nan), H)
+    cut = bare_faces(mesh, points, np.full_like(points, np.nan), H, sigma)
     length = np.hypot(SIZE[1], SIZE[2])
     assert not cut.passed and cut.value == pytest.approx(SIZE[1] * SIZE[2] * length / np.pi / SIZE.prod(), rel=1e-6)
     assert "around (0.2" in cut.says
+
+
+def test_a_narrow_rim_that_was_grazed_was_seen():
+    """A quarter of the points that are due lie all over it: rays that graze a face lie far apart."""
+    mesh = plate()
+    kept = np.random.default_rng(2).random(10**6) < 0.25
+    points = points_of(mesh, lambda n: (n[:, 0] < 0.5) | kept[: len(n)], 0.0)
+    assert 12 < np.sum(points[:, 0] > SIZE[0] - 1e-9) < 40
+    assert bare_faces(mesh, points, np.full_like(points, np.nan), H, 0.0).value == 0.0
 
 
 def test_sight_lines_that_pass_there_prove_the_end():
@@ -66,5 +75,5 @@ def test_sight_lines_that_pass_there_prove_the_end():
     places = np.stack([np.full(400, passing[0]), passing[1], passing[2]], axis=1)
     way = np.tile([0.0, 0.0, 1.0], (400, 1))
     over, under = places + way, places - way  # lines that pass straight before the rim
-    seen = bare_faces(mesh, np.concatenate([points, under]), np.concatenate([np.full_like(points, np.nan), over]), H)
+    seen = bare_faces(mesh, np.concatenate([points, under]), np.concatenate([np.full_like(points, np.nan), over]), H, 0.0)
     assert seen.passed and seen.value == 0.0

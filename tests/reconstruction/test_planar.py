@@ -21,7 +21,7 @@ from scan2fea.reconstruction.planar import flattened
 from scan2fea.reconstruction.plane_growing import Planes, grow_planes, robust_plane, tolerance_m
 from scan2fea.reconstruction.round_growing import Rounds
 from scan2fea.reconstruction.shapes_found import flat_faces, outlined_faces
-from scan2fea.reconstruction.strips import _own, _without_backs, rim_offset
+from scan2fea.reconstruction.strips import _Left, _own, _placed, _without_backs, rim_offset
 from scan2fea.simulation.polyhedra import meshed, prism
 from scan2fea.simulation.shapes import bracket
 from scan2fea.types import PointCloud, Scan
@@ -253,6 +253,25 @@ def test_faces_of_a_strip_are_those_that_lean_as_its_seed_does_and_lie_as_far_ou
             wanted = alike & (np.abs(middle @ way - np.average(middle[wanted] @ way, weights=area[wanted])) <= 0.3)
         own, total = _own(middle, area, direction, length, seed, free, 0.3)
         assert np.array_equal(own, wanted) and total == pytest.approx(area[wanted].sum())
+
+
+@pytest.mark.parametrize("lean", [0.0, 32.0])
+def test_a_strip_between_an_edge_and_a_hollow_corner_looks_as_its_points_say(lean):
+    """The upper rim of a plate two spacings thick on a wall that rises behind it: the first surface rounds both, and leans by 32 degrees."""
+    rng = np.random.default_rng(0)
+    way, true = (np.array([np.sin(np.radians(a)), 0.0, np.cos(np.radians(a))]) for a in (32.0, lean))
+    rim = rng.uniform([0.0, 0.0, 0.0], [2.0, 13.0, 0.0], (24, 3))
+    rim[:, 2] = -np.tan(np.radians(lean)) * rim[:, 0]
+    wall = rng.uniform([0.0, 0.0, 0.0], [0.0, 13.0, 1.2], (8, 3))
+    points = np.concatenate([rim, wall]) + 0.05 * rng.normal(size=(32, 3))
+    middle = np.concatenate([rim, wall + [0.3, 0.0, 0.0]])
+    every = np.arange(32)
+    left = _Left(middle=middle, area=np.ones(32), direction=0.8 * np.tile(way, (32, 1)), length=np.full(32, 0.8), point_face=every, point=every)
+    plane = _placed(points, every, left, every >= 0, np.vstack([np.eye(3), -np.eye(3)]), 1.0, 0.05)
+    if lean:
+        assert plane is None or plane.normal @ true > np.cos(np.radians(10.0))
+    else:
+        assert plane is not None and plane.normal @ true == 1.0 and plane.offset == pytest.approx(0.0, abs=0.06)
 
 
 @pytest.mark.parametrize("seed", [0, 2])

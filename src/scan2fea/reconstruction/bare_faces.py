@@ -16,18 +16,19 @@ from scan2fea.kernel.primitives import Plane
 from scan2fea.reconstruction.blurred_faces import from_outline
 from scan2fea.reconstruction.budget import BARE_FACES
 from scan2fea.reconstruction.evidence import around, at_most
+from scan2fea.reconstruction.plane_growing import tolerance_m
 from scan2fea.reconstruction.wall_ends import BEYOND, passed
 from scan2fea.types import BoolArray, Check, FloatArray, TriangleMesh
 
 LIMIT = 0.02  # of the volume: as behind ends of walls
 CHANCE, CHANCE_HALF = 0.0025, 0.05  # of so few points at the density of the other faces, and at half of it
 PLACES = 64  # of a face, where sight lines are asked for
-INNER, LEAST_INNER = 1.5, 12  # spacings from the edges of a face, beyond which no noise carries points of others; points that make a plane
+LEAST_INNER = 12  # points that make a plane, away from the edges of a face: beyond what noise carries points of others
 ASKED = 1000  # places of a face
 PASSED = 0.5  # of them: the face was seen to end there
 
 
-def bare_faces(mesh: TriangleMesh, points: FloatArray, sensors: FloatArray, spacing_m: float) -> Check:
+def bare_faces(mesh: TriangleMesh, points: FloatArray, sensors: FloatArray, spacing_m: float, sigma_m: float) -> Check:
     """How much may hide beyond faces that have too few points? points : (n, 3).   sensors : (n, 3) where each was seen from, nan: not known.
 
     A face of area A whose farthest corners are L apart hides A L / pi: a strip at the end of a wall as much as a half disc of it.
@@ -42,7 +43,7 @@ def bare_faces(mesh: TriangleMesh, points: FloatArray, sensors: FloatArray, spac
     bare = np.flatnonzero((pdtr(held, due) <= CHANCE) & (pdtr(held, 0.5 * due) <= CHANCE_HALF))
     seen = [
         _seen_past(mesh, region == r, points, sensors, spacing_m)
-        or _seen_in_part(mesh, region == r, near.closest[region[near.face] == r], typical, spacing_m)
+        or _seen_in_part(mesh, region == r, near.closest[region[near.face] == r], typical, spacing_m, sigma_m)
         for r in bare
     ]
     bare = bare[~np.array(seen, bool)]
@@ -60,7 +61,7 @@ def _typical(density: FloatArray, area: FloatArray) -> float:
     return float(density[order][np.searchsorted(np.cumsum(area[order]), 0.5 * area.sum())])
 
 
-def _seen_in_part(mesh: TriangleMesh, own: BoolArray, places: FloatArray, typical: float, spacing_m: float) -> bool:
+def _seen_in_part(mesh: TriangleMesh, own: BoolArray, places: FloatArray, typical: float, spacing_m: float, sigma_m: float) -> bool:
     """Is a face measured as densely as the others where it is, away from its edges? Then it was seen, and the rest of it is a gap (`flat_gaps`).
 
     places : (n, 3) of its points on it.   typical : points per area.
@@ -68,12 +69,13 @@ def _seen_in_part(mesh: TriangleMesh, own: BoolArray, places: FloatArray, typica
     axes = Plane(normal=face_normals(mesh)[own][0], offset=0.0).axes()
     if not len(places):
         return False
-    within = places[from_outline(mesh, own, axes, places) < -INNER * spacing_m]
+    inner = -tolerance_m(spacing_m, sigma_m)
+    within = places[from_outline(mesh, own, axes, places) < inner]
     if len(within) < LEAST_INNER:
         return False
     asked = sample_surface(TriangleMesh(vertices=mesh.vertices, faces=mesh.faces[own]), ASKED, seed=0)[0]
     near = np.asarray(cKDTree(within).query(asked)[0]) <= spacing_m
-    covered = float(np.mean(near & (from_outline(mesh, own, axes, asked) < -INNER * spacing_m))) * float(face_areas(mesh)[own].sum())
+    covered = float(np.mean(near & (from_outline(mesh, own, axes, asked) < inner))) * float(face_areas(mesh)[own].sum())
     return bool(pdtr(len(within), 0.5 * typical * covered) > CHANCE_HALF)
 
 

@@ -93,12 +93,12 @@ def distinct_bores(bores: list[Bore]) -> list[Bore]:
     """Of bores that overlap the one with most points. Those on one axis through two walls are two: the flanges of an I, the walls of a tube."""
     kept: list[Bore] = []
     for bore in sorted(bores, key=lambda bore: -len(bore.wall)):
-        if not any(is_same(bore.surface, other.surface) and _meet(bore, other) for other in kept):
+        if not any(is_same(bore.surface, other.surface) and meet(bore, other) for other in kept):
             kept.append(bore)
     return kept
 
 
-def _meet(one: Bore, other: Bore) -> bool:
+def meet(one: Bore, other: Bore) -> bool:
     """Do the points on two walls lie at one place along the axis?"""
     first, second = (own @ other.surface.axis for own in (one.wall, other.wall))
     return bool(first.min() <= second.max() and second.min() <= first.max())

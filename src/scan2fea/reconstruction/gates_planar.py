@@ -118,7 +118,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
             blocked_lines(scan, mesh, h, sigma),
         ) if by_lines else ()),
         *(() if first.source == "sensors" else (lost_holes(first.mesh, mesh, measured, wall, h, sigma),)),  # sight lines tell holes themselves
-        bare_faces(whole, cloud.points, scan.sensors(), h),
+        bare_faces(whole, cloud.points, scan.sensors(), h, sigma),
         *empty_places(mesh, cloud.points, Sight.of(scan, first, lines=len(cloud)) if first.source == "sensors" else None),
     ]  # fmt: skip
     bare = unmeasured_share(mesh, backed, 3.0 * h + 3.0 * sigma)

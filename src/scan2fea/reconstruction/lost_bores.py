@@ -19,7 +19,7 @@ from scan2fea.kernel.delaunay import Tetrahedralisation
 from scan2fea.kernel.distances import signed_distance
 from scan2fea.kernel.surfaces import Surface
 from scan2fea.kernel.topology import surface_topology
-from scan2fea.reconstruction.bores import AROUND, CLEAR, LEAST_POINTS, RADIUS_KNOWN, Bore, distinct_bores, every_bore, on_one_axis
+from scan2fea.reconstruction.bores import ALONG, AROUND, CLEAR, LEAST_POINTS, RADIUS_KNOWN, Bore, distinct_bores, every_bore, meet, on_one_axis
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.plane_growing import Planes, grow_planes
 from scan2fea.reconstruction.regular import EXACT
@@ -71,7 +71,7 @@ def closed_bores(bores: Sequence[Bore], mesh: TriangleMesh) -> Check:
     axes = [_on_axis(bore.surface, bore.wall) for bore in bores]
     inside = signed_distance(np.concatenate(axes), mesh).reshape(-1, STEPS).min(axis=1) < 0 if axes else np.zeros(0, bool)
     closed = [bore.surface.point for bore, is_closed in zip(bores, inside, strict=True) if is_closed or _is_broken(bore, mesh)]
-    n = max(len(closed), _n_axes(bores) - surface_topology(mesh).n_handles) if bores else 0  # one that is open to the side is no handle
+    n = max(len(closed), _n_openings(bores, mesh) - surface_topology(mesh).n_handles) if bores else 0  # one that is open to the side is no handle
     says = (
         f"the points show {len(bores)} bores, and the solid closes or breaks {n} of them{around(np.array(closed))}: "
         "give the sensor position, or scan them more densely"
@@ -137,13 +137,27 @@ def _is_told(bore: Bore, points: FloatArray, spacing_m: float, sigma_m: float, l
     return bool(np.sum(np.linalg.norm(off - np.outer(off @ surface.axis, surface.axis), axis=1) < CORE * surface.radius) < BOTTOM)
 
 
-def _n_axes(bores: Sequence[Bore]) -> int:
-    """How many of the bores do not lie in one another: a step is none of its own."""
-    kept: list[Surface] = []
+def _n_openings(bores: Sequence[Bore], mesh: TriangleMesh) -> int:
+    """How many openings the bores are: a step is none of its own, and the two ends of a slot, with nothing of the solid between them, are one."""
+    kept: list[Bore] = []
     for bore in bores:
-        if not any(on_one_axis(bore.surface, other) for other in kept):
-            kept.append(bore.surface)
+        if not any(on_one_axis(bore.surface, other.surface) or _in_one_slot(bore, other, mesh) for other in kept):
+            kept.append(bore)
     return len(kept)
+
+
+def _in_one_slot(one: Bore, other: Bore, mesh: TriangleMesh) -> bool:
+    """Are two bores through one wall open to each other all the way, and has neither points of its wall towards the other?"""
+    if abs(one.surface.axis @ other.surface.axis) < ALONG or not meet(one, other):
+        return False
+    middle = one.wall.mean(axis=0, keepdims=True)
+    first, last = _foot(one.surface, middle)[0], _foot(other.surface, middle)[0]
+    for bore, start, end in ((one, first, last), (other, last, first)):
+        aside = bore.wall - _foot(bore.surface, bore.wall)
+        way = (end - start) / np.linalg.norm(end - start)
+        if (aside @ way > CORE * bore.surface.radius).any():
+            return False
+    return bool((signed_distance(first + np.linspace(0.0, 1.0, STEPS)[:, None] * (last - first), mesh) > 0).all())
 
 
 def _is_broken(bore: Bore, mesh: TriangleMesh) -> bool:

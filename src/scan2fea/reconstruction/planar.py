@@ -48,6 +48,7 @@ from scan2fea.reconstruction.shapes_found import (
 )
 from scan2fea.reconstruction.sharpened import served_sharp
 from scan2fea.reconstruction.sight import Sight
+from scan2fea.reconstruction.slots import slot_ends
 from scan2fea.reconstruction.two_answers import against_free
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
 from scan2fea.types import BoolArray, FloatArray, IntArray, Scan, TriangleMesh, Value
@@ -155,8 +156,9 @@ def served(
         (False, lambda: outlined_round_faces(points, first, rounds())),
         (False, lambda: round_faces(points, first, rounds())),
     )
+    has_slots = cache(lambda: (flat := _or_none(of_planes)) is not None and bool(slot_ends(points, flat.planes, first.spacing_m, first.sigma_m)))
     for always, find in finders:
-        if best is not None and not always:
+        if best is not None and not always and (best.how["n_cylinders"] or not has_slots()):
             break
         try:
             faces = find()
@@ -176,7 +178,7 @@ def served(
             flat = flat if failed(flat.checks) else replace(flat, checks=(*flat.checks, closed_bores(bores, flat.mesh)))
             against = failed(flat.checks)
             if not against:
-                best = flat if best is None or _n_faces(flat) < _n_faces(best) else best
+                best = flat if best is None or _rank(flat) < _rank(best) else best
                 break
             refused.append(flat)
             names = {check.name for check in against}
@@ -192,9 +194,9 @@ def _or_none(find: Callable[[], Faces]) -> Faces | None:
         return None
 
 
-def _n_faces(flat: Reconstruction) -> int:
-    """Pieces of planes: where planes lean that should not, more than there are planes."""
-    return len(planar_regions(flat.mesh).ids)
+def _rank(flat: Reconstruction) -> tuple[bool, int]:
+    """The least is best: with cylinders where ends of slots ask for them; then by pieces of planes: where these lean that should not, more."""
+    return not flat.how["n_cylinders"], len(planar_regions(flat.mesh).ids)
 
 
 def flat_form(points: FloatArray, first: Reconstruction, faces: Faces, seed: int = 0, sight: Sight | None = None) -> FlatForm:

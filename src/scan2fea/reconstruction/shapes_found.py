@@ -17,6 +17,7 @@ from scan2fea.reconstruction.lost_bores import told_bores
 from scan2fea.reconstruction.plane_growing import MOST_PLANES, Planes, assigned, grow_planes, settled, tolerance_m
 from scan2fea.reconstruction.regular import EXACT
 from scan2fea.reconstruction.round_growing import NO_ROUNDS, Rounds, grow_rounds, nearest_round, off_round_m, radius_std
+from scan2fea.reconstruction.slots import is_in_slot, slot_ends
 from scan2fea.reconstruction.strips import ALIKE_DEG, EXACTLY, needed, planes_kept, ways_of, with_strips
 from scan2fea.reconstruction.visibility import Reconstruction
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
@@ -157,7 +158,8 @@ def rounds_of(points: FloatArray, first: Reconstruction, flat: Faces | None = No
     # along the directions of the faces, which a dozen points cannot tell
     faces = replace(planes, label=number)
     told = [*wall_bores(points, faces, h, sigma), *told_bores(points, first.normals, h, sigma, faces)]
-    bores = distinct_cylinders(told, off_round_m(h, sigma))
+    ends = slot_ends(points, faces if flat is None else flat.planes, h, sigma)
+    bores = [*ends, *(s for s in distinct_cylinders(told, off_round_m(h, sigma)) if not is_in_slot(s, ends))]
     found = [*(surface for surface in grown.surfaces if not any(is_same(surface, bore) for bore in bores)), *bores]
     label = _given(points, first.normals, found, planes, h, sigma)
     kept = [k for k in range(len(found)) if np.sum(label == k) >= LEAST_POINTS]

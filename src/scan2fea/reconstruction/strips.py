@@ -24,6 +24,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 BESIDE = 0.1  # spacings a face may lie off a plane that it belongs to, besides the noise
 LEANS = np.cos(np.radians(35.0))
 SNAP = np.cos(np.radians(20.0))  # to a direction that the known planes give
+CLEARLY = 1.5  # times the points of any other plane that one must hold along a direction that a strip does not have
 TURNED_IN = np.cos(np.radians(45.0))  # of the faces of a strip between two faces of a tube: the first surface rounds both its edges
 ALIKE_DEG = 3.0
 DEPTH = 0.5  # spacings a strip's faces may lie off its plane, besides the noise
@@ -99,7 +100,8 @@ def with_strips(
         if plane is None:
             continue
         on = rows[np.abs(plane.distance(points[rows])) <= tolerance_m(spacing_m, sigma_m)]
-        if not (ways @ plane.normal > EXACTLY).any() and not _is_needed(points[on], [*planes_of(planes), *found], spacing_m, sigma_m, NEEDED):
+        is_told = (ways @ plane.normal > EXACTLY).any() and float(_way(left, own) @ plane.normal) >= SNAP
+        if not is_told and not _is_needed(points[on], [*planes_of(planes), *found], spacing_m, sigma_m, NEEDED):
             continue
         take(plane, own, on)
     if not found:
@@ -296,31 +298,47 @@ def ways_of(normals: FloatArray) -> FloatArray:
     return np.array([*found, *[-way for way in found]]).reshape(-1, 3)
 
 
+def _way(left: _Left, own: BoolArray) -> FloatArray:
+    """(3,) which way a strip looks, as the first surface has it."""
+    total = (left.area[own, None] * left.direction[own]).sum(axis=0)
+    return np.asarray(total / max(float(np.linalg.norm(total)), 1e-300))
+
+
 def _placed(points: FloatArray, rows: IntArray, left: _Left, own: BoolArray, ways: FloatArray, spacing_m: float, sigma_m: float) -> Plane | None:
     """The plane of a strip: along a direction that the known planes give where one is near, else through its own points."""
-    total = (left.area[own, None] * left.direction[own]).sum(axis=0)
-    way = total / max(float(np.linalg.norm(total)), 1e-300)
+    way = _way(left, own)
     near = ways[np.argmax(ways @ way)] if len(ways) else way
     off = tolerance_m(spacing_m, sigma_m)
     choices: list[Plane] = []
     for direction in (near, way) if float(near @ way) >= SNAP else (way,):
         start = float(np.average(left.middle[own] @ direction, weights=left.area[own]))
         choices.append(Plane(normal=direction, offset=rim_offset(points[rows] @ direction, start, spacing_m, sigma_m)))
-    free = choices[-1]
-    near_free = np.abs(free.distance(points[rows])) <= 2.0 * off + 0.1 * spacing_m
-    if near_free.sum() >= 3 * LEAST_POINTS:
-        fitted = robust_plane(points[rows[near_free]], way)
-        if float(fitted.normal @ way) >= LEANS:
-            choices.append(fitted)
+    choices += _refitted(choices[-1], points[rows], way, off, spacing_m)
     if sigma_m < QUIET * spacing_m:  # what most lie on exactly, however far the faces lean
         exact = _exact_plane(points[rows], way, EXACTLY_ON * spacing_m + 3.0 * sigma_m)
         choices += [] if exact is None else [exact]
-    held = [int((np.abs(c.distance(points[rows])) <= off).sum()) for c in choices]
-    best = int(np.argmax(held))
-    if held[0] >= 0.8 * held[best]:  # a direction that other planes share needs no more evidence than another
+    wanted = max(LEAST_POINTS, BACKED * float(left.area[own].sum()) / spacing_m**2)
+
+    def held(plane: Plane) -> int:
+        return int((np.abs(plane.distance(points[rows])) <= off).sum())
+
+    if TURNED_IN <= float(near @ way) < SNAP:  # as between an edge and a hollow corner, where faces go on beyond the rim
+        along, askew = (Plane(normal=direction, offset=_densest(points[rows] @ direction, 0.5 * off)) for direction in (near, way))
+        rivals = [p for p in (*choices, askew, *_refitted(askew, points[rows], way, off, spacing_m)) if float(p.normal @ near) < SNAP]
+        if held(along) >= max(wanted, CLEARLY * max(map(held, rivals), default=0)):
+            return along
+    count = [held(plane) for plane in choices]
+    best = int(np.argmax(count))
+    if count[0] >= 0.8 * count[best]:  # a direction that other planes share needs no more evidence than another
         best = 0
-    wanted = BACKED * float(left.area[own].sum()) / spacing_m**2
-    return choices[best] if held[best] >= max(LEAST_POINTS, wanted) else None
+    return choices[best] if count[best] >= wanted else None
+
+
+def _refitted(plane: Plane, points: FloatArray, way: FloatArray, off: float, spacing_m: float) -> list[Plane]:
+    """The plane through those of (n, 3) points that lie near a plane, where it still looks along `way`."""
+    near = np.abs(plane.distance(points)) <= 2.0 * off + 0.1 * spacing_m
+    fitted = robust_plane(points[near], way) if near.sum() >= 3 * LEAST_POINTS else None
+    return [fitted] if fitted is not None and float(fitted.normal @ way) >= LEANS else []
 
 
 def _exact_plane(points: FloatArray, way: FloatArray, off: float) -> Plane | None:

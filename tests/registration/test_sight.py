@@ -54,6 +54,8 @@ def test_the_origin_is_known_for_the_station_where_the_beams_are_even():
     assert not is_station(points - points.mean(axis=0))
     assert not is_station(applied(T, points))
     assert not is_station(points[:5])
+    thin, _ = raster([((0, 0, 0), (0.08, 0.08, 2.0)), ((0.8, 0, 0), (0.88, 0.08, 2.0))], around(4)[0])  # three beams wide: most lie at a border
+    assert is_station(thin) and not is_station(thin - thin.mean(axis=0))
 
 
 def test_a_back_on_a_front_fills_what_the_station_looked_through():

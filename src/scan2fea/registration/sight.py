@@ -75,20 +75,26 @@ def is_station(points: FloatArray) -> bool:
     direction = points / range_m[:, None]
     rows = sampled_rows(len(points), DRAWN, 0)
     angle, near = k_nearest(direction, BEAMS + 1, direction[rows])
-    uneven = np.log(np.maximum(angle[:, -1], 1e-300))
-    scatter = 1.4826 * float(np.median(np.abs(uneven - np.median(uneven))))
+    # of narrow things most points lie at a border, where the eighth is farther: there the second does
+    scatter = min(_scatter(angle[:, k]) for k in (2, BEAMS))
     apart = np.sort(np.abs(np.log(range_m[near[:, 1:5]] / range_m[rows][:, None])), axis=1)[:, 1]
     return scatter <= UNEVEN and float((apart > FOLDED).mean()) <= MOST_FOLDED
+
+
+def _scatter(angle: FloatArray) -> float:
+    """Robust standard deviation of the logarithm."""
+    size = np.log(np.maximum(angle, 1e-300))
+    return 1.4826 * float(np.median(np.abs(size - np.median(size))))
 
 
 def is_seen_through(a: View, b: View, T_a_b: FloatArray, tolerance_m: float) -> bool:
     """True where surface of one stands, in one piece, in space that the other station saw empty.
 
     T_a_b : takes points of b to the frame of a.   tolerance_m : what lies farther before a surface is not on it.
-    Where more than strays lie there one by one (leaves, people), pieces say little: then only many do.
+    Where more than strays lie there one by one, and more so than in pieces (leaves), pieces say little: then only many do.
     """
     (n, single, piece), (m, other_single, other_piece) = _through(a, b, T_a_b, tolerance_m), _through(b, a, inverse(T_a_b), tolerance_m)
-    allowed = MOST if single + other_single > STRAYS * (n + m) else 0.0
+    allowed = MOST if single + other_single > max(STRAYS * (n + m), piece + other_piece) else 0.0
     return piece > allowed * n or other_piece > allowed * m
 
 

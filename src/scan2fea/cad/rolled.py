@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from scan2fea.cad.competing import competed
+from scan2fea.cad.mixed import unmixed
 from scan2fea.cad.patches import GROW_COSINE, Near, Patches, is_bent
 from scan2fea.kernel.surfaces import CONE, CYLINDER, FREEDOMS, PLANE, SPHERE, TORUS, Surface, fit_surface, fitted
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
@@ -31,6 +32,7 @@ def with_rings_and_balls(mesh: TriangleMesh, patches: Patches, tolerance_m: floa
     near = Near(mesh)
     label, surfaces = _with_rings(near, patches.label.copy(), list(patches.surfaces), tolerance_m)
     label, surfaces = _with_balls(near, label, surfaces)
+    label, surfaces = _with_balls(near, *unmixed(near, label, surfaces, tolerance_m))
     kept = np.unique(label[label >= 0])
     packed = np.full(len(surfaces) + 1, -1, np.int64)
     packed[kept] = np.arange(len(kept))

@@ -18,7 +18,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
 DEVIATIONS = 3.0  # of a variance, beyond which a patch holds more than one surface
 SHARES = (0.25, 0.5, 0.75)  # of the faces in the first of two halves that the search begins with
 DOUBT = 10.0  # twice the logarithm of odds below which they are not very strong (Kass and Raftery 1995, section 3.2)
-LEAST = 0.1  # of the tolerance: a noise of a third of the one expected, or a five-hundredth of the spacing where none is
+LEAST = 0.1  # of the tolerance: with less noise it is 2 % of the spacing, and nothing hides within that
 CHI_MEDIAN = 0.4549  # of squared normal deviates of unit variance, the median
 
 
@@ -27,7 +27,9 @@ def unmixed(near: Near, label: IntArray, surfaces: list[Surface], tolerance: flo
 
     label : (m,), -1 free form.   tolerance : within which the patches were grown, three deviations of the noise and 2 % of the spacing.
     """
-    variance = max(_variance(near, label, surfaces), (LEAST * tolerance) ** 2)
+    variance = _variance(near, label, surfaces)
+    if variance <= (LEAST * tolerance) ** 2:
+        return label, surfaces
     label, surfaces, n_before = label.copy(), list(surfaces), len(surfaces)
     free = np.flatnonzero(label < 0)
     n, part = face_components(near.mesh.faces[free]) if len(free) else (0, free)

@@ -56,6 +56,10 @@ def test_the_origin_is_known_for_the_station_where_the_beams_are_even():
     assert not is_station(points[:5])
     thin, _ = raster([((0, 0, 0), (0.08, 0.08, 2.0)), ((0.8, 0, 0), (0.88, 0.08, 2.0))], around(4)[0])  # three beams wide: most lie at a border
     assert is_station(thin) and not is_station(thin - thin.mean(axis=0))
+    k = np.arange(2000) + 0.5  # points as even on a ball round the origin as beams from there would be
+    polar, turn = np.arccos(1 - k / 1000), np.pi * (1 + np.sqrt(5)) * k
+    ball = 0.1 * np.stack([np.cos(turn) * np.sin(polar), np.sin(turn) * np.sin(polar), np.cos(polar)], axis=1)
+    assert not is_station(ball) and not is_station(ball * (1 + np.random.default_rng(0).normal(0, 0.003, (2000, 1))))
 
 
 def test_a_back_on_a_front_fills_what_the_station_looked_through():

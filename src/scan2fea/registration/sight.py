@@ -20,6 +20,7 @@ from scan2fea.types import FloatArray, IntArray, Value
 
 BEAMS = 8  # around a direction: those of a raster that enclose it
 UNEVEN = 0.25 / math.sqrt(BEAMS)  # of the logarithm of the angle to the eighth: half of what it is by chance, of beams without order in an even fan
+MORE_EVEN = 1.25  # times than in space: noise makes the distances of points on a ball less even than their directions
 FOLDED = 0.05  # of the beams end so much nearer or farther than two of four neighbours, in logarithm of range
 MOST_FOLDED = 0.25
 STRAYS = 0.01  # the limit of verification for points that are no surface
@@ -66,7 +67,8 @@ def view_of(points: FloatArray, station: FloatArray) -> View | None:
 def is_station(points: FloatArray) -> bool:
     """True where points (n, 3) were measured from the origin: seen from there, and from nowhere else, they are as dense as the beams of a scanner.
 
-    The angle from a point to its eighth neighbour goes with distance and slant of the surface unless the origin is where the beams came from.
+    The angle from a point to its eighth neighbour goes with distance and slant of the surface unless the origin is where the beams came from. Points
+    that lie as evenly in space tell nothing: those of a ball round the origin do from there too.
     """
     range_m = np.linalg.norm(points, axis=1)
     points, range_m = points[range_m > 0], range_m[range_m > 0]
@@ -75,10 +77,11 @@ def is_station(points: FloatArray) -> bool:
     direction = points / range_m[:, None]
     rows = sampled_rows(len(points), DRAWN, 0)
     angle, near = k_nearest(direction, BEAMS + 1, direction[rows])
+    apart_m = k_nearest(points, BEAMS + 1, points[rows])[0]
     # of narrow things most points lie at a border, where the eighth is farther: there the second does
-    scatter = min(_scatter(angle[:, k]) for k in (2, BEAMS))
+    is_even = any(_scatter(angle[:, k]) <= min(UNEVEN, _scatter(apart_m[:, k]) / MORE_EVEN) for k in (2, BEAMS))
     apart = np.sort(np.abs(np.log(range_m[near[:, 1:5]] / range_m[rows][:, None])), axis=1)[:, 1]
-    return scatter <= UNEVEN and float((apart > FOLDED).mean()) <= MOST_FOLDED
+    return is_even and float((apart > FOLDED).mean()) <= MOST_FOLDED
 
 
 def _scatter(angle: FloatArray) -> float:

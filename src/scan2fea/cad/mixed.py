@@ -65,7 +65,7 @@ def _join(near: Near, label: IntArray, surfaces: list[Surface], k: int, variance
     rows = np.flatnonzero(label == k)
     best, joined = 0.0, None
     for j in np.setdiff1d(label[near.of[rows]], [-1, k]).tolist():
-        own, their = _corners(near, rows)[0], _corners(near, np.flatnonzero(label == j))[0]
+        own, their = near.corners(rows)[0], near.corners(np.flatnonzero(label == j))[0]
         both = fitted(surfaces[j], np.concatenate([own, their]))
         if both is not None:
             apart = _cost(surfaces[k], own, variance) + _cost(surfaces[j], their, variance)
@@ -83,26 +83,19 @@ def _cost(surface: Surface, corners: FloatArray, variance: float) -> float:
 
 def _variance(near: Near, label: IntArray, surfaces: list[Surface]) -> float:
     """Of the corners about their surfaces, by the median: few patches hold two."""
-    off = [surfaces[k].distance(_corners(near, np.flatnonzero(label == k))[0]) for k in np.unique(label[label >= 0]).tolist()]
+    off = [surfaces[k].distance(near.corners(np.flatnonzero(label == k))[0]) for k in np.unique(label[label >= 0]).tolist()]
     return float(np.median(np.concatenate(off) ** 2)) / CHI_MEDIAN if off else 0.0
-
-
-def _corners(near: Near, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-    """The corners of some faces, and the mean normal of these faces there."""
-    used, index = np.unique(near.mesh.faces[rows], return_inverse=True)
-    mean = np.stack([np.bincount(index.ravel(), weights=np.repeat(near.smooth[rows, k], 3)) for k in range(3)], axis=1).astype(float)
-    return near.mesh.vertices[used], mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
 
 
 def _holds_more(near: Near, rows: IntArray, surface: Surface, variance: float) -> bool:
     """Does it leave more than chance in the corners of some faces?"""
-    off = surface.distance(_corners(near, rows)[0])
+    off = surface.distance(near.corners(rows)[0])
     return float((off**2).sum()) / variance > len(off) + DEVIATIONS * float(np.sqrt(2.0 * len(off)))
 
 
 def _is_asked(near: Near, label: IntArray, surfaces: list[Surface], rows: IntArray, variance: float) -> bool:
     """Does the surface of some faces explain them much better than the nearest of those beside? Of the rounding of a crease it does not."""
-    k, corners = int(label[rows[0]]), _corners(near, rows)[0]
+    k, corners = int(label[rows[0]]), near.corners(rows)[0]
     beside = np.setdiff1d(label[near.of[rows]], [-1, k]).tolist()
     if not beside:
         return True
@@ -112,7 +105,7 @@ def _is_asked(near: Near, label: IntArray, surfaces: list[Surface], rows: IntArr
 
 def _one(near: Near, rows: IntArray) -> Surface | None:
     """The surface of any kind that leaves the least n log(variance) + k log(n) in the corners of some faces; None of too few."""
-    corners, normals = _corners(near, rows)
+    corners, normals = near.corners(rows)
     n = len(corners)
     if n < LEAST_CORNERS:
         return None
@@ -126,7 +119,7 @@ def _halves(near: Near, rows: IntArray, surface: Surface, variance: float) -> tu
     """
     if len(rows) < 2 * LEAST_FACES:
         return None
-    corners = _corners(near, rows)[0]
+    corners = near.corners(rows)[0]
     whole = fitted(surface, corners) or surface
     if not _holds_more(near, rows, whole, variance):
         return None
@@ -139,7 +132,7 @@ def _halves(near: Near, rows: IntArray, surface: Surface, variance: float) -> tu
                 if found is None:
                     continue
                 is_second, pair = found
-                left = sum(_cost(s, _corners(near, rows[k])[0], variance) for s, k in zip(pair, (~is_second, is_second), strict=True))
+                left = sum(_cost(s, near.corners(rows[k])[0], variance) for s, k in zip(pair, (~is_second, is_second), strict=True))
                 if left < least and not any(_holds_more(near, rows[k], s, variance) for s, k in zip(pair, (~is_second, is_second), strict=True)):
                     least, best = left, found
     return best

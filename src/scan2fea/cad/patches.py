@@ -12,7 +12,7 @@ from scan2fea.kernel.measures import face_areas, face_normals
 from scan2fea.kernel.surface_fit import flood
 from scan2fea.kernel.surfaces import CONE, CYLINDER, PLANE, SPHERE, Surface, fit_surface, fitted
 from scan2fea.kernel.topology import edge_table, face_components
-from scan2fea.types import BoolArray, IntArray, TriangleMesh, Value
+from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh, Value
 
 SEED_WAVES = 4  # rings of faces round a seed for the first fit
 LEAST_FACES = 8
@@ -64,6 +64,12 @@ class Near:
         return flood(
             code, packed, float(surface.sense), tolerance, GROW_COSINE, *mesh, self.of, self.centres, self.smooth, free, inside, most
         )  # fmt: skip
+
+    def corners(self, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+        """The corners of some faces, and the mean normal of these faces there."""
+        used, index = np.unique(self.mesh.faces[rows], return_inverse=True)
+        normals = np.stack([np.bincount(index.ravel(), weights=np.repeat(self.smooth[rows, k], 3)) for k in range(3)], axis=1).astype(float)
+        return self.mesh.vertices[used], normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
 
     def around(self, seed: int, free: BoolArray, waves: int = SEED_WAVES) -> IntArray:
         """The free faces within some rings of a seed that turn gradually."""
@@ -138,14 +144,8 @@ def _best(near: Near, seed: int, free: BoolArray, tolerance: float) -> tuple[Int
 
 def _fit(near: Near, rows: IntArray, kind: str, start: Surface | None) -> Surface | None:
     """The surface of the vertices of some faces, each vertex with the mean normal of its faces there."""
-    corners = near.mesh.faces[rows].ravel()
-    used, index = np.unique(corners, return_inverse=True)
-    points = near.mesh.vertices[used]
-    if start is not None:
-        return fitted(start, points)
-    normals = np.stack([np.bincount(index, weights=np.repeat(near.smooth[rows, k], 3)) for k in range(3)], axis=1).astype(float)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    return fit_surface(kind, points, normals)
+    points, normals = near.corners(rows)
+    return fit_surface(kind, points, normals) if start is None else fitted(start, points)
 
 
 def _fits(near: Near, rows: IntArray, surface: Surface, tolerance: float) -> BoolArray:

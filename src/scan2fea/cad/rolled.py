@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from scan2fea.cad.competing import competed
-from scan2fea.cad.mixed import unmixed
+from scan2fea.cad.mixed import CHI_MEDIAN, DOUBT, unmixed
 from scan2fea.cad.patches import GROW_COSINE, Near, Patches, is_bent
 from scan2fea.kernel.surfaces import CONE, CYLINDER, FREEDOMS, PLANE, SPHERE, TORUS, Surface, fit_surface, fitted
 from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
@@ -23,8 +23,6 @@ CUT_OFF = 0.1  # of the area of the torus, that of patches which it takes a part
 GAINED = 1.2  # times the area of the patch that it began with
 SLIMMEST = 0.98  # radius of the tube over that of the ring: fatter ones are apples
 LEAST_CORNERS = 12
-DOUBT = 10.0  # twice the logarithm of odds below which they are not very strong (Kass and Raftery 1995, section 3.2)
-CHI_MEDIAN = 0.4549  # of squared normal deviates of unit variance, the median
 
 
 def with_rings_and_balls(mesh: TriangleMesh, patches: Patches, tolerance_m: float) -> Patches:
@@ -89,7 +87,7 @@ def _ring(near: Near, rows: IntArray, free: BoolArray, like: Surface, tolerance:
     """The faces of a torus that begins as some faces, and the torus."""
     ring: Surface | None = None
     for trial in range(ROUNDS):
-        corners, normals = _corners(near, rows)
+        corners, normals = near.corners(rows)
         start = ring or _first_torus(corners, normals, like)
         ring = None if start is None else fitted(start, corners)
         if ring is None or ring.second >= SLIMMEST * ring.radius:
@@ -121,13 +119,6 @@ def _saddles(near: Near, label: IntArray, surfaces: list[Surface], ring: Surface
     return [j for j, s in enumerate(surfaces) if s.kind != PLANE and s.sense != ring.sense and share[0][j] > SWALLOWED * share[1][j]]
 
 
-def _corners(near: Near, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-    """The corners of some faces, and the mean normal of these faces there."""
-    used, index = np.unique(near.mesh.faces[rows], return_inverse=True)
-    mean = np.stack([np.bincount(index.ravel(), weights=np.repeat(near.smooth[rows, k], 3)) for k in range(3)], axis=1).astype(float)
-    return near.mesh.vertices[used], mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
-
-
 def _first_torus(points: FloatArray, normals: FloatArray, like: Surface) -> Surface | None:
     """A tube of the radius of a cylinder: its middle line, that far within the points, is a circle."""
     tube = like.second if like.kind == TORUS else like.radius
@@ -155,7 +146,7 @@ def _with_balls(near: Near, label: IntArray, surfaces: list[Surface]) -> tuple[I
         rows = np.flatnonzero(label == k)
         if surface.kind not in (CYLINDER, CONE) or len(rows) < LEAST_CORNERS:
             continue
-        corners, normals = _corners(near, rows)
+        corners, normals = near.corners(rows)
         ball = fit_surface(SPHERE, corners, normals)
         if ball is None or ball.sense != surface.sense or not is_bent(near, rows, ball):
             continue

@@ -8,6 +8,8 @@ from scan2fea.reconstruction import ReconstructionOptions, reconstruct
 from scan2fea.reconstruction.basins import BACKED, BASIN, BOX, LEAST_VOLUME, NOTHING, _joined, _watershed, parted
 from scan2fea.reconstruction.flooding import reached
 from scan2fea.reconstruction.gates import failed
+from scan2fea.reconstruction.gates_planar import _even_tails
+from scan2fea.reconstruction.gates_surface import under_faces
 from scan2fea.reconstruction.outside import LEAK_FREE, LEAK_TOLERATED, flood, prepare
 from scan2fea.types import PointCloud, Scan
 from scanned import DENSITY
@@ -202,3 +204,28 @@ def test_a_pocket_that_is_outside_is_what_lies_behind_the_next_basin():
 def test_nothing_is_beside_a_basin_of_no_points():
     nothing = np.zeros(0, np.int64)
     assert list(_joined(nothing, nothing, nothing, 2, BACKED)) == [True, True]
+
+
+def test_what_noise_carries_off_faces_lies_on_both_sides_of_them():
+    """Points seen through the mouth of a hollow body lie on one side, and deeper."""
+    rng = np.random.default_rng(4)
+    face = np.column_stack([0.2 + 0.6 * rng.random((400, 2)), np.ones(400)])
+    noise = np.concatenate([np.full(12, 0.015), np.full(10, -0.015), np.full(8, -0.03), np.zeros(370)])
+    points = face + noise[:, None] * [0.0, 0.0, 1.0]
+    assert _even_tails(box((1.0, 1.0, 1.0)), points, np.abs(noise) / 0.01) == pytest.approx(20 / 400)
+    one_sided = np.where(noise > 0.0, 0.0, noise)
+    assert _even_tails(box((1.0, 1.0, 1.0)), face + one_sided[:, None] * [0.0, 0.0, 1.0], np.abs(one_sided) / 0.01) == 0.0
+
+
+@pytest.mark.parametrize(("seen", "passes"), [(True, False), (False, True)])
+def test_points_under_a_face_tell_of_a_hollow_only_where_the_face_was_seen(seen, passes):
+    rng = np.random.default_rng(5)
+    n = 1200
+    face = np.column_stack([rng.random((n, 2)), np.ones(n)])
+    low = np.hypot(face[:, 0] - 0.5, face[:, 1] - 0.5) < 0.2
+    face = face[~low] if not seen else face
+    within = np.column_stack([0.45 + 0.1 * rng.random((15, 2)), np.full(15, 0.96)])
+    points = np.concatenate([face, within])
+    held = np.arange(len(points)) < len(face)
+    check = under_faces(box((1.0, 1.0, 1.0)), points, held, points * [1.0, 1.0, 0.0] + [0.0, 0.0, 1.0], 1.0 / np.sqrt(n))
+    assert check.value == (15 if seen else 0) and check.passed is passes

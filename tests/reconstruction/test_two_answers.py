@@ -13,11 +13,12 @@ from scan2fea.reconstruction.budget import FLAT_INSTEAD, VOLUME_IN_DOUBT, WALL_E
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.gates_outside import CUT_HELD, cut_agrees
 from scan2fea.reconstruction.gates_planar import DIFFER
+from scan2fea.reconstruction.gates_surface import UNDER_FACES
 from scan2fea.reconstruction.inner_places import PLACES, inner_places, told_by_left_out
 from scan2fea.reconstruction.planar import flattened, served
 from scan2fea.reconstruction.two_answers import CUT, apart, contradicted
 from scan2fea.simulation.polyhedra import meshed, prism
-from scan2fea.types import PointCloud, Scan
+from scan2fea.types import Check, PointCloud, Scan
 from scanned import scan_of, scanned
 
 T, H = 0.15, 0.04
@@ -62,6 +63,15 @@ def test_without_sensors_the_planes_that_hold_all_points_tell_it_too():
     told = contradicted(Scan(cloud=PointCloud.of(cut.cloud.points)), replace(first, source="outside flood"), flats)
     check = {check.name: check for check in told.checks}[FLAT_INSTEAD]
     assert not check.passed and 0.02 < check.value < 0.09
+
+
+def test_points_under_the_faces_of_a_flat_solid_speak_against_the_free_form_that_is_the_same_solid():
+    scan, _, _ = scanned(ANGLE, H, seed=1)
+    first = replace(visibility(scan), source="outside flood")
+    hollow = replace(first, checks=(*first.checks, Check(name=UNDER_FACES, value=9.0, limit=8.0, unit="1", passed=False)))
+    assert [check.name for check in failed(contradicted(scan, first, [hollow]).checks)] == [UNDER_FACES]
+    larger = replace(hollow, mesh=replace(first.mesh, vertices=1.01 * first.mesh.vertices))
+    assert not failed(contradicted(scan, first, [larger]).checks), "another solid"
 
 
 def test_nothing_is_said_of_what_is_refused_already_nor_of_images():

@@ -21,7 +21,7 @@ from scan2fea.reconstruction.flat_gaps import flat_ends, half_seen_ends, hidden_
 from scan2fea.reconstruction.gates import failed, in_all
 from scan2fea.reconstruction.gates_outside import CUT_HELD, GAPS_ENTERED, cut_agrees
 from scan2fea.reconstruction.gates_round import one_region, out_of_round, rolled, round_distance
-from scan2fea.reconstruction.gates_surface import afloat, deviation, left_out, mean_curvature, stray
+from scan2fea.reconstruction.gates_surface import afloat, deviation, left_out, mean_curvature, stray, under_faces
 from scan2fea.reconstruction.inner_places import told_by_left_out
 from scan2fea.reconstruction.lost_holes import lost_holes
 from scan2fea.reconstruction.plane_growing import Planes, tolerance_m
@@ -69,10 +69,12 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
     whole, unrolled, number = one_region(mesh, every), rolled(every), every.round_of[region // 2]
     of, face = number[nearest.face], nearest.face
     off = round_distance(measured, of, nearest.distance, every)
-    held = off <= tolerance_m(h, sigma) + 0.03 * h + np.where(of >= 0, CHORD * h, 0.0)
+    reach = tolerance_m(h, sigma) + 0.03 * h + np.where(of >= 0, CHORD * h, 0.0)
+    held = off <= reach
     flat, bowed = held & (of < 0), held & (of >= 0)
-    share, far = float(np.mean(~held)), 3.0 * sigma + 0.5 * h
-    unexplained = UNEXPLAINED_INSIDE if GAPS_ENTERED in (check.name for check in first.checks) else UNEXPLAINED
+    share, far, unexplained = float(np.mean(~held)), 3.0 * sigma + 0.5 * h, UNEXPLAINED
+    if GAPS_ENTERED in (check.name for check in first.checks):
+        share, unexplained = share - _even_tails(mesh, measured, off / reach), UNEXPLAINED_INSIDE
     open_m3 = _open_m3(whole, every)
     known = first.thickness_m[np.isfinite(first.thickness_m)]
     wall = float(np.quantile(known, 0.25)) if len(known) else math.nan
@@ -111,6 +113,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
         stray(measured, off, far),
         left_out(measured, off, first.mesh, far, h),
         afloat(mesh, measured, off, h, sigma),
+        *(() if first.source == "sensors" else (under_faces(mesh, measured, held, nearest.closest, h),)),
         hidden_volume_flat(whole, backed, h, unrolled),
         *((
             flat_ends(whole, backed, h, unrolled),
@@ -126,6 +129,17 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
         at_most("unmeasured area", bare, UNMEASURED, f"{bare:.0%} of the surface has no measured point of its side (limit {UNMEASURED:.0%})")
     )
     return in_all(*checks)
+
+
+def _even_tails(mesh: TriangleMesh, points: FloatArray, off: FloatArray) -> float:
+    """The share of the points that noise carries off their faces: up to twice as far as it is let, as many to one side as to the other.
+
+    off : (n,) of what it is let. Along rays noise is no one normal distribution: widest on faces that are met squarely. What is seen of the inside
+    of a hollow body lies on one side of its faces.
+    """
+    rows = np.flatnonzero((off > 1.0) & (off <= 2.0))
+    inside = int(np.sum(PointToMesh(mesh).signed_distance(points[rows]) < 0.0)) if len(rows) else 0
+    return 2.0 * min(inside, len(rows) - inside) / len(off)
 
 
 def _scatter(name: str, off: FloatArray, limit: float, sigma_m: float) -> Check:

@@ -32,6 +32,8 @@ STRAY = 0.01
 LEFT_OUT, SIDE_BY_SIDE, MOST_LEFT_OUT = "points left out side by side", 2.0, 11  # spacings between neighbours; a plane needs a dozen
 AFLOAT, AFLOAT_SIGMAS = 0.5, 3.0  # spacings, and of the noise: a point farther off the surface is none of its own
 AFLOAT_CHANCE = 0.0025  # that so many of those are inside
+UNDER_FACES, UNDER_CHANCE = "points under faces", 1e-3
+OWN, OWN_REACH = 3, 1.5  # three points within 1.5 spacings, where six are due
 MERGED, MERGED_KURTOSIS = 0.02, 1.6  # two sheets in one: residuals of two values have kurtosis 1, a normal distribution 3
 CORE_KURTOSIS = 2.3  # two sheets +-t/2 with noise 0.3 t: 1.9; one sheet: 2.8 over 32 points
 
@@ -211,6 +213,24 @@ def afloat(mesh: TriangleMesh, points: FloatArray, distance: FloatArray, spacing
         f"{around(off[inside])}: it may be hollow there, seen through an opening"
     )
     return at_most("points afloat inside", float(n), float(most), says)
+
+
+def under_faces(mesh: TriangleMesh, points: FloatArray, held: BoolArray, closest: FloatArray, spacing_m: float) -> Check:
+    """Of the points (n, 3) that lie on no face, are more under faces that were seen there than over them? Noise carries as many to either side.
+
+    held : (n,) those that lie on their face.   closest : (n, 3) of the mesh. Over a dent, a rounded edge or a chamfer the face has no points of
+    its own; what was seen through an opening elsewhere lies under one that has them all round, as near as a wall is thick.
+    """
+    own, off = points[held], np.flatnonzero(~held)
+    if len(own) >= OWN and len(off):
+        off = off[k_nearest(own, OWN, closest[off])[0][:, -1] <= OWN_REACH * spacing_m]
+    inside = signed_distance(points[off], mesh) < 0 if len(off) else np.zeros(0, bool)
+    n, most = int(inside.sum()), int(np.argmax(bdtrc(np.arange(len(off) + 1), len(off), 0.5) < UNDER_CHANCE))
+    says = (
+        f"{n} points lie inside the solid, under faces that were seen, and {len(off) - n} over them (limit {most} of {len(off)})"
+        f"{around(points[off[inside]])}: it may be hollow there, seen through an opening"
+    )
+    return at_most(UNDER_FACES, float(n), float(most), says)
 
 
 def patch_moments(points: FloatArray, normals: FloatArray, signed: FloatArray) -> tuple[FloatArray, FloatArray]:

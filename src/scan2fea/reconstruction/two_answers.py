@@ -19,6 +19,7 @@ from scan2fea.reconstruction.empty_places import EMPTY_PLACES
 from scan2fea.reconstruction.evidence import BY_FLOOD, BY_NORMALS, around, at_most
 from scan2fea.reconstruction.gates import failed, in_all
 from scan2fea.reconstruction.gates_planar import BESIDE_FLATS, DIFFER, RIM_CUT
+from scan2fea.reconstruction.gates_surface import UNDER_FACES
 from scan2fea.reconstruction.inner_places import inner_places
 from scan2fea.reconstruction.lost_holes import LOST_HOLES, holes_apart
 from scan2fea.reconstruction.sight import Sight, blocked_lines
@@ -32,6 +33,7 @@ WHERE = frozenset({DIFFER, FLAT_INSTEAD, HIDDEN_VOLUME, WALL_ENDS, BARE_FACES, E
 OF_LOST_HOLES = WHERE | {
     LOST_HOLES, BESIDE_FLATS, "deviation p95", "stray points", "points afloat inside", "scatter about flat faces", "bent faces"
 }  # fmt: skip
+SAME = 0.01  # of the volume
 CUT = math.sqrt(RIM_CUT)  # spacings that a square edge lies before the chord which cuts RIM_CUT square spacings off it
 SENSORS, BLIND = "sensors", (BY_FLOOD, BY_NORMALS)  # what told the outside
 
@@ -47,12 +49,21 @@ def contradicted(scan: Scan, found: Reconstruction, flats: Sequence[Reconstructi
     holding = [flat for flat in flats if WHERE.issuperset(check.name for check in failed(flat.checks))]
     if found.source == SENSORS:
         holding = [flat for flat in holding if blocked_lines(scan, flat.mesh, found.spacing_m, found.sigma_m).passed]
+    hollow = _seen_within(found, flats)
+    found = replace(found, checks=(*found.checks, *hollow)) if hollow else found
     narrow = _holes(found, flats)
     found = replace(found, checks=(*found.checks, *narrow)) if narrow else found
     told = [apart(scan, found, flat.mesh, seed) for flat in holding]
     if not told:
         return found
     return _with(found, max(told, key=lambda check: float(check.value or 0.0)))
+
+
+def _seen_within(found: Reconstruction, flats: Sequence[Reconstruction]) -> tuple[Check, ...]:
+    """That points lie under the faces of a flat solid, if it is the same solid and nothing else but places that nobody saw speaks against it."""
+    body, kept = abs(volume(found.mesh)), WHERE | {UNDER_FACES}
+    same = [flat for flat in flats if abs(abs(volume(flat.mesh)) / body - 1.0) <= SAME and kept.issuperset(c.name for c in failed(flat.checks))]
+    return tuple(check for flat in same[:1] for check in failed(flat.checks) if check.name == UNDER_FACES)
 
 
 def _holes(found: Reconstruction, flats: Sequence[Reconstruction]) -> tuple[Check, ...]:

@@ -32,6 +32,7 @@ from scan2fea.pipeline.record import Record, Tracked
 from scan2fea.pipeline.requires import noise_checks, spacing_checks
 from scan2fea.pipeline.results import object_row
 from scan2fea.pipeline.sheet import sheet_of
+from scan2fea.pipeline.stations import open_volume
 from scan2fea.pipeline.true_faces import build_drawn, build_true
 from scan2fea.reconstruction import reconstruct
 from scan2fea.remeshing import AIM_DEG, eased, remesh, worst_dihedral
@@ -41,7 +42,7 @@ from scan2fea.types import MEASURED, Brep, FEModel, FEResult, IntArray, Member, 
 from scan2fea.verification.limits import limits
 from scan2fea.verification.mesh import brep_checks, surface_checks, tet_checks
 from scan2fea.verification.response import response_checks
-from scan2fea.verification.shape import deviation_checks, drift_checks, free_form_checks
+from scan2fea.verification.shape import deviation_checks, drift_checks, free_form_checks, stations_checks
 
 EASINGS = 5  # times the surface is eased under tets that verification would refuse
 GENTLE = 2  # times free form alone is eased under tets that it would take, but that are flatter than need be
@@ -247,6 +248,7 @@ def _verify_geometry(made: Made) -> None:
     made.checks += deviation_checks(found, made.spacing_m, made.sigma_m)
     if made.member is None:
         made.checks += free_form_checks(found, supported)
+        made.checks += stations_checks(*open_volume(made.part.scan, surface, made.spacing_m, made.sigma_m))
     steps = [row["step"] for row in made.drift]
     first = 0 if made.part.mesh is None else steps.index("repair")  # a file with faces may enter open: count from its repair
     ratio = made.thickness[-1] / made.thickness[first]

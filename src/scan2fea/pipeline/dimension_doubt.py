@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from scan2fea.errors import StageError
-from scan2fea.estimation.field import in_section, residual_field
+from scan2fea.estimation.field import ResidualField, in_section, residual_field
 from scan2fea.estimation.solid import Solid, solid_of
 from scan2fea.kernel.coordinate_steps import noise_before, rounding_std
 from scan2fea.kernel.noise import sampled_rows
@@ -26,6 +26,7 @@ _REACH = 3.0  # standard deviations from a face beyond which points say nothing 
 _NULL = 1e-9  # of the largest eigenvalue: what no face holds
 _SURER = 3.0  # a dimension whose deviation in the fit is so much smaller than faces allow was told by something else (an edge, a bound)
 _LAST, _LEAST = 0.01, 20  # share and number of the points that tell an end
+_ALONE = 0.9  # of them: the rest are strays
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +37,11 @@ class FramePose(Value):
     centre_m: tuple[float, float, float]
     std_m: float
     std_rad: float
+
+    @property
+    def variances(self) -> FloatArray:
+        """(6,) of its turn about each axis (rad2) and of its place along each (m2)."""
+        return np.repeat([self.std_rad**2 / 3, self.std_m**2 / 3], 3)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,16 +95,18 @@ def _covariance(member: Member, cloud: PointCloud, doubt: PoseDoubt) -> FloatArr
     answer = None if member.change is not None or not doubt.frames else _answers(member, cloud, doubt)
     if answer is None:
         return np.asarray(doubt.between_m**2 * np.eye(n))
-    slope, is_told = answer
-    more = np.zeros((n, n))
+    slope, is_told, of_ends = answer
+    more = np.diag([of_ends if p.name == "length" else 0.0 for p in member.parameters])
     for S, frame in zip(slope, doubt.frames, strict=True):
-        more += (S * np.repeat([frame.std_rad**2 / 3, frame.std_m**2 / 3], 3)) @ S.T
+        more += (S * frame.variances) @ S.T
     more[~is_told], more[:, ~is_told] = 0.0, 0.0
     return np.asarray(more + np.diag(np.where(is_told, doubt.moments_m**2, doubt.between_m**2)))
 
 
-def _answers(member: Member, cloud: PointCloud, doubt: PoseDoubt) -> tuple[FloatArray, BoolArray] | None:
-    """Per frame (p, 6) by how much each dimension changes with a turn (rad) and a shift (m) of its points, and which (p,) dimensions faces tell."""
+def _answers(member: Member, cloud: PointCloud, doubt: PoseDoubt) -> tuple[FloatArray, BoolArray, float] | None:
+    """Per frame (p, 6) by how much each dimension changes with a turn (rad) and a shift (m) of its points; which (p,) dimensions faces tell; variance
+    of the length beside that (m2).
+    """
     try:
         solid = solid_of(member)
     except StageError:
@@ -106,7 +114,8 @@ def _answers(member: Member, cloud: PointCloud, doubt: PoseDoubt) -> tuple[Float
     rows = np.flatnonzero(cloud.frame >= 0)
     rows = rows[sampled_rows(len(rows), _POINTS, 0)]
     points, frame = cloud.points[rows], cloud.frame[rows]
-    J, normal, off = _design(member, solid, points)
+    J, normal, field = design(member, solid, points)
+    off = field.off_m
     scatter = max(member.sigma_m, 1.4826 * float(np.median(np.abs(off))))
     on = np.abs(off) <= _REACH * scatter
     scale = np.sqrt((J[on] ** 2).sum(axis=0))
@@ -116,7 +125,7 @@ def _answers(member: Member, cloud: PointCloud, doubt: PoseDoubt) -> tuple[Float
     gain = (axes[:, held] / values[held]) @ axes[:, held].T / np.outer(scale, scale)
     names = list(PARAMETERS[member.family])
     place = {p.name: k for k, p in enumerate(member.parameters)}
-    slope, is_told = np.zeros((len(doubt.frames), len(place), 6)), np.zeros(len(place), bool)
+    slope, is_told, of_ends = np.zeros((len(doubt.frames), len(place), 6)), np.zeros(len(place), bool), 0.0
     for i, name in enumerate(names):
         std = member.parameters[place[name]].std_m
         free = float((axes[i, ~held] ** 2).sum()) > _NULL
@@ -127,13 +136,14 @@ def _answers(member: Member, cloud: PointCloud, doubt: PoseDoubt) -> tuple[Float
         move = np.concatenate([np.cross(points[own] - one.centre_m, normal[own]), normal[own]], axis=1)
         slope[k, at] = -(gain @ (J[own].T @ move))[: len(names)]
     if "length" in place:
-        slope[:, place["length"]], is_told[place["length"]] = _of_length(member, solid, points, frame, doubt), True
-    return slope, is_told
+        slope[:, place["length"]], of_ends = _of_length(member, solid, points, frame, doubt)
+        is_told[place["length"]] = True
+    return slope, is_told, of_ends
 
 
-def _design(member: Member, solid: Solid, points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def design(member: Member, solid: Solid, points: FloatArray) -> tuple[FloatArray, FloatArray, ResidualField]:
     """Per point the derivatives of its distance from its face by the dimensions, by place, tilt and bow of the axis in x and y, by roll and twist;
-    the normal (n, 3) of that face in the world; the distance (n,).
+    the normal (n, 3) of that face in the world; the distances and faces.
     """
     field = residual_field(points, solid)
     local = applied(inverse(solid.sweep.T_world_member), points)
@@ -147,7 +157,7 @@ def _design(member: Member, solid: Solid, points: FloatArray) -> tuple[FloatArra
     lever = xy[:, 0] * across[:, 1] - xy[:, 1] * across[:, 0]
     J = np.concatenate([-by_size, -turned[:, :1] * bows, -turned[:, 1:] * bows, -lever[:, None] * twists], axis=1)
     normal = np.concatenate([turned, np.zeros((len(turned), 1))], axis=1) @ solid.sweep.T_world_member[:3, :3].T
-    return J, normal, field.off_m
+    return J, normal, field
 
 
 def _faces(member: Member, names: tuple[str, ...], face: IntArray, xy: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -167,17 +177,24 @@ def _faces(member: Member, names: tuple[str, ...], face: IntArray, xy: FloatArra
     return moves[face], normals[face]
 
 
-def _of_length(member: Member, solid: Solid, points: FloatArray, frame: IntArray, doubt: PoseDoubt) -> FloatArray:
-    """(k, 6) by how much the length changes with a move of each frame: what it has of the last points at either end moves that end."""
+def _of_length(member: Member, solid: Solid, points: FloatArray, frame: IntArray, doubt: PoseDoubt) -> tuple[FloatArray, float]:
+    """(k, 6) by how much the length changes with a move of each frame that alone tells an end; variance (m2) of the ends that several tell.
+
+    Of several the one that reaches out farthest or saw the end face tells it, whichever that was, and the other end another one.
+    """
     axis = solid.sweep.T_world_member[:3, 2]
     z = applied(inverse(solid.sweep.T_world_member), points)[:, 2]
-    slope = np.zeros((len(doubt.frames), 6))
+    slope, variance = np.zeros((len(doubt.frames), 6)), 0.0
     for sign, end in ((-1.0, 0.0), (1.0, solid.sweep.length_m)):
         away = np.abs(z - end)
         count = min(max(_LEAST, round(_LAST * len(z))), len(z)) - 1
         last = away <= max(_REACH * member.sigma_m, float(np.partition(away, count)[count]))
+        is_alone = np.unique(frame[last], return_counts=True)[1].max() >= _ALONE * last.sum()
         for k, one in enumerate(doubt.frames):
             own = last & (frame == one.frame)
             move = np.concatenate([np.cross(points[own] - one.centre_m, axis), np.tile(axis, (int(own.sum()), 1))], axis=1)
-            slope[k] += sign * move.sum(axis=0) / last.sum()
-    return slope
+            if is_alone:
+                slope[k] += sign * move.sum(axis=0) / last.sum()
+            else:
+                variance += float((move**2 @ one.variances).sum() / last.sum())
+    return slope, variance

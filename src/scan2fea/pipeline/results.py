@@ -185,7 +185,7 @@ def object_row(made: Made, files: Sequence[str]) -> dict[str, Any]:
         "sensor": made.sensor,
         "spacing_m": number(made.spacing_m),
         "noise_m": number(made.sigma_m),
-        "between_frames_m": number(made.part.doubt.between_m),
+        "between_frames_m": number(max(made.part.doubt.between_m, made.estimate.apart_m if made.estimate is not None else 0.0)),
         "how": {key: value for key, value in made.how.items() if isinstance(value, str | int | float | bool)},
     }
     if made.member is not None:

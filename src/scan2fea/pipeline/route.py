@@ -34,6 +34,7 @@ from scan2fea.kernel.pipe_path import pipe_path
 from scan2fea.kernel.sections import PARAMETERS, ROUND
 from scan2fea.options import option
 from scan2fea.pipeline.dimension_doubt import PoseDoubt, coarsened, widened
+from scan2fea.pipeline.stations import larger_doubt
 from scan2fea.types import FloatArray, Footing, Member, PointCloud, RootFillet, Route, Scan, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
@@ -58,6 +59,7 @@ class Estimate(Value):
     open_end : why its length is not told: the member may go on beyond the scan; "" where it is told or it explains nothing.
     bare_ends : ends of which no face was seen, and that rest on nothing.   bare_wall : the largest stretch of a wall of which neither side was
     seen.   bare_share : of the area of its sides, that of all such stretches.
+    apart_m : standard deviation of the difference of two stations' places along one axis, as the faces that several saw tell.
     strip : why it is only part of what was scanned, as an object of its own beside it shows; "" where none does.
     stray_share : of the points, off a member that explains the others, and no crowd.   lack : of its section, what the points hold beyond it, below 0
     where it holds too much.   likeliest : the section that explains the points of which
@@ -78,6 +80,7 @@ class Estimate(Value):
     stray_share: float = 0.0
     lack: float = 0.0
     likeliest: Member | None = None
+    apart_m: float = 0.0
 
     @property
     def shown(self) -> Member | None:
@@ -192,7 +195,9 @@ def _straight(
     member, fit = _ended(scan, member, fit, footings) if not options.whole and "length" not in section.fixed else (member, fit)
     told = fit.explanation
     face_m = face_error(told.pattern_m, told.p_value, fit.section.sigma_m) if fit.method == "density" else 0.0
-    member = coarsened(widened(member, scan.cloud, doubt, face_m), step_m)
+    cloud, larger = larger_doubt(scan, member, doubt)
+    member = coarsened(widened(member, cloud, larger, face_m), step_m)
+    apart_m = 0.0 if larger is doubt else larger.between_m
     if not any(p.observable or p.source == "fixed" for p in member.parameters if p.name != "length"):
         reason, likeliest = (_open(fit.member, options), member) if fit.explains else (fit.reason, None)
         return Estimate(member=None, explains=False, reason=reason, strip=strip, likeliest=likeliest)
@@ -205,7 +210,7 @@ def _straight(
     if fit.explains:
         member = replace(member, damage=damages(scan.cloud.points, member, member.sigma_m, options.seed))
     return Estimate(
-        member=member, explains=fit.explains, reason=_reason(fit, options, step_m), p_fixed=fit.p_fixed, given=fit.given,
+        member=member, explains=fit.explains, reason=_reason(fit, options, step_m, apart_m), apart_m=apart_m, p_fixed=fit.p_fixed, given=fit.given,
         whole=options.whole, strip=strip,
         stray_share=told.stray_share if fit.explains else 0.0, open_end=fit.why.get("length", "") if fit.explains else "",
         bare_ends=_bare_ends(fit, is_rested or END in member.seated), bare_wall=told.cuts[0] if fit.explains and told.cuts else None,
@@ -253,11 +258,14 @@ def known_section(route: RouteOptions, table: Table | None) -> KnownSection:
     return KnownSection(family=given.family, fixed=given.parameters)
 
 
-def _reason(fit: MemberFit, options: MemberOptions, step_m: float) -> str:
+def _reason(fit: MemberFit, options: MemberOptions, step_m: float, apart_m: float) -> str:
     said = [fit.reason]
     noise_m = noise_before(fit.section.sigma_m, step_m)
     if rounding_std(step_m, noise_m) > noise_m:
         said.append(f"the coordinates are whole steps of {MILLIMETRES_PER_METRE * step_m:.3g} mm, which no number of points averages away")
+    if apart_m > 0:
+        off = f"{MILLIMETRES_PER_METRE * apart_m:.2g} mm"
+        said.append(f"stations lie {off} off each other (one standard deviation, from the faces that several saw): its dimensions are as uncertain")
     if fit.p_fixed is not None:
         said.append(f"the dimensions given have a p-value of {fit.p_fixed:.3g}")
     said += [fit.why["length"]] if "length" in fit.why and fit.explains else []

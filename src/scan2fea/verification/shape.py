@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from scan2fea.kernel.coverage import Deviation
 from scan2fea.types import Check
+from scan2fea.units import MILLIMETRES_PER_METRE
 from scan2fea.verification.limits import at_least, at_most
 from scan2fea.verification.mesh import relative
 
@@ -22,6 +25,17 @@ def free_form_checks(found: Deviation, supported_share: float) -> tuple[Check, .
     """
     seen = min(1.0, found.measured_area_fraction + supported_share)
     return at_most("shape.stray_points", found.stray_share), at_least("shape.measured_area", seen)
+
+
+def stations_checks(open_share: float, apart_m: float) -> tuple[Check, ...]:
+    """What the places of the stations leave open of the volume (one standard deviation); none where they agree.
+
+    apart_m : standard deviation of the difference of two of their places.
+    """
+    if not apart_m > 0:
+        return ()
+    check = at_most("shape.stations_apart", open_share)
+    return (replace(check, says=f"{check.says} ({MILLIMETRES_PER_METRE * apart_m:.2g} mm, one standard deviation)"),)
 
 
 def drift_checks(volume_m3: float, first_volume_m3: float, thicker: float, handles: int) -> tuple[Check, ...]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from predicates import box, moved, rotation, sphere
-from scan2fea.kernel.predicates import self_intersections
+from scan2fea.kernel.predicates import intersections_of, self_intersections
 from scan2fea.types import TriangleMesh
 
 
@@ -47,6 +47,17 @@ def test_equals_brute_force(seed):
     found = {tuple(pair) for pair in self_intersections(noisy)}
     assert found == brute_force(noisy)
     assert len(found) > 5
+
+
+def test_crossings_of_some_faces_are_those_of_all_that_have_one():
+    mesh = sphere(rounds=3)
+    noisy = TriangleMesh(vertices=mesh.vertices + np.random.default_rng(3).normal(0, 0.06, mesh.vertices.shape), faces=mesh.faces)
+    rows = np.sort(np.random.default_rng(4).permutation(len(mesh.faces))[:40])
+    every, some = self_intersections(noisy), intersections_of(noisy, rows)
+    touched = lambda pairs: {tuple(pair) for pair in pairs[np.isin(pairs, rows).any(axis=1)]}  # noqa: E731
+    assert touched(some) == touched(every) and len(touched(some)) > 5
+    assert len(some) < len(every)
+    assert not len(intersections_of(noisy, rows[:0]))
 
 
 def test_rigid_motion_scale_offset_and_order():

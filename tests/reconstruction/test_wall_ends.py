@@ -124,6 +124,19 @@ def test_a_line_of_sight_passes_a_place():
     assert not passed(places, target, target, 0.5).any()
 
 
+def test_lines_past_blocks_of_places_are_those_past_each():
+    rng = np.random.default_rng(5)
+    places, target = rng.uniform(-1, 1, (300, 3)), rng.uniform(-1, 1, (500, 3))
+    origin, near = 3.0 * rng.normal(size=(4, 3))[rng.integers(0, 4, 500)], 0.03
+    way, to = target - origin, places[:, None] - origin
+    length = np.linalg.norm(way, axis=1)
+    at = np.einsum("rc,prc->pr", way, to) / length
+    off2 = (to**2).sum(axis=2) - at**2
+    told = ((at > 0) & (at < length - 2 * near) & (off2 <= near**2)).any(axis=1)
+    assert np.array_equal(passed(places, origin, target, near), told)
+    assert 0.1 < told.mean() < 0.9
+
+
 def test_what_is_seen_through_a_notch_is_empty(notch):
     _, evidence = evidence_without(notch)
     away = [0.0, 0.0, 10.0]

@@ -10,7 +10,7 @@ import numpy as np
 
 from scan2fea.kernel.face_tree import face_tree
 from scan2fea.kernel.jit import jit
-from scan2fea.types import FloatArray, IntArray, TriangleMesh
+from scan2fea.types import BoolArray, FloatArray, IntArray, TriangleMesh
 
 EPS = 1e-8  # of barycentric coordinates, where faces share a vertex and rounding alone would make them meet
 PARALLEL = 1e-11  # sine under which an edge is parallel to a face
@@ -186,11 +186,57 @@ def _places(vertices: FloatArray) -> IntArray:
 
 def self_intersections(mesh: TriangleMesh) -> IntArray:
     """(k, 2) pairs of faces of `mesh` that cross or overlap, each pair once, smaller face first, in order."""
-    if len(mesh.faces) < 2:
+    return _crossing(mesh.vertices, mesh.faces)
+
+
+def intersections_of(mesh: TriangleMesh, rows: IntArray) -> IntArray:
+    """As `self_intersections`, of the pairs with a face among `rows` (k,), ascending; more only where both are near these."""
+    if len(rows) == len(mesh.faces) or not len(rows):
+        return _crossing(mesh.vertices, mesh.faces[rows])
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    tree = face_tree(np.stack([low[rows], high[rows], high[rows]], axis=1))
+    near = np.flatnonzero(_boxes_met(low, high, tree.corners, tree.boxes, tree.start))
+    return near[_crossing(mesh.vertices, mesh.faces[near])]
+
+
+def _crossing(vertices: FloatArray, faces: IntArray) -> IntArray:
+    """As `self_intersections`, of some faces of a mesh."""
+    if len(faces) < 2:
         return np.zeros((0, 2), np.int64)
-    middle = mesh.vertices.mean(0)  # keeps the products small for a part far from the origin
-    place = _places(mesh.vertices)
-    tree = face_tree((mesh.vertices - middle)[mesh.faces])
-    pairs = tree.face[_crossing_pairs(tree.corners, np.ascontiguousarray(place[mesh.faces[tree.face]]), tree.boxes, tree.start)]
+    middle = vertices.mean(0)  # keeps the products small for a part far from the origin
+    is_used = np.zeros(len(vertices), bool)
+    is_used[faces] = True
+    place = np.zeros(len(vertices), np.int64)
+    place[is_used] = _places(vertices[is_used])
+    tree = face_tree((vertices - middle)[faces])
+    pairs = tree.face[_crossing_pairs(tree.corners, np.ascontiguousarray(place[faces[tree.face]]), tree.boxes, tree.start)]
     pairs = np.sort(pairs.reshape(-1, 2), axis=1)
     return pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+
+
+@jit
+def _boxes_met(low: FloatArray, high: FloatArray, own: FloatArray, boxes: FloatArray, start: IntArray) -> BoolArray:
+    """(n,) boxes from `low` to `high` (n, 3) that meet one of those in the leaves of a tree, from own[:, 0] to own[:, 1]."""
+    out, first_leaf = np.zeros(len(low), np.bool_), len(boxes) // 2
+    stack = np.zeros(128, np.int64)
+    for i in range(len(low)):
+        top, stack[0] = 1, 0
+        while top and not out[i]:
+            top -= 1
+            node = stack[top]
+            apart = False
+            for k in range(3):
+                apart |= low[i, k] > boxes[node, k + 3] or high[i, k] < boxes[node, k]
+            if apart:
+                continue
+            if node < first_leaf:
+                stack[top], stack[top + 1] = 2 * node + 1, 2 * node + 2
+                top += 2
+                continue
+            for j in range(start[node - first_leaf], start[node - first_leaf + 1]):
+                apart = False
+                for k in range(3):
+                    apart |= low[i, k] > own[j, 1, k] or high[i, k] < own[j, 0, k]
+                out[i] |= not apart
+    return out

@@ -60,7 +60,7 @@ def reconstruct(scan: Scan, options: ReconstructionOptions = ReconstructionOptio
     fewer, step_m = spread(fewer, options.seed)
     if options.method != "visibility":
         found = METHODS[options.method](fewer, options)
-        return _nothing_lost(found, _planes_and_bores(fewer, found)[1], step_m)
+        return _nothing_lost(found, () if failed(found.checks) else _planes_and_bores(fewer, found)[1], step_m)
     found, flats, bores = _with_flats(fewer, options)
     found = served_smooth(fewer, found) if options.smooth else found
     found = served_sharp(fewer, found) if options.flat else found

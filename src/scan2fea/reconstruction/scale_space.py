@@ -18,13 +18,13 @@ from scan2fea.kernel.jit import jit
 from scan2fea.kernel.neighbors import k_nearest
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.normals import least_axis
-from scan2fea.kernel.predicates import self_intersections
+from scan2fea.kernel.predicates import intersections_of
 from scan2fea.kernel.side_normals import SAME_SIDE, near_lists
 from scan2fea.kernel.topology import degenerate_faces, vertex_faces
 from scan2fea.options import option
 from scan2fea.reconstruction.advancing_front import advancing_front
 from scan2fea.reconstruction.ball_pivoting import ball_pivoting
-from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
+from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, sides, told_images, visibility
 from scan2fea.types import BoolArray, FloatArray, IntArray, PointCloud, Scan, TriangleMesh
 
 NEIGHBORS = 12  # the radius is the mean distance to the twelfth, over SAMPLES points, and stays (CGAL's default)
@@ -99,16 +99,14 @@ def scale_space(scan: Scan, options: VisibilityOptions = ScaleSpaceOptions()) ->
     Where going back makes faces cross, the vertices there stay as far out as needed (told as `n_held_back`). Raises ReconstructionError.
     """
     given = options if isinstance(options, ScaleSpaceOptions) else ScaleSpaceOptions()
-    first = visibility(scan, options)
+    if told_images(scan, options) is not None:
+        raise ReconstructionError("scale_space has no rays to move along: shuffle the points or use reconstruction.method = visibility")
+    first = sides(scan, options)
     points = scan.cloud.points
     radius = smoothing_radius(points, options.seed)
     moved = smoothed(points, radius, given.scale, first.normals if given.side_aware else None)
     coarse = MESHERS[given.mesher](_at(scan, moved, first.normals), options)
-    if first.source == "ranges":
-        raise ReconstructionError("scale_space has no rays to move along: shuffle the points or use reconstruction.method = visibility")
-    row, distance = _row_of(coarse.mesh.vertices, coarse.points)
-    target = np.where((distance <= first.spacing_m)[:, None], points[row], coarse.mesh.vertices)
-    mesh, n_held = returned(coarse.mesh, target)
+    mesh, n_held = returned(coarse.mesh, scale_zero(coarse.mesh, coarse.points, points, first.spacing_m))
     facts: Mapping[str, float | str] = {
         **coarse.how, "method": "scale_space", "scale": given.scale, "radius_m": radius, "n_held_back": n_held,
         "mesher": given.mesher,
@@ -123,9 +121,13 @@ def _at(scan: Scan, points: FloatArray, normals: FloatArray) -> Scan:
     return replace(scan, cloud=cloud)
 
 
-def _row_of(vertices: FloatArray, points: FloatArray) -> tuple[IntArray, FloatArray]:
-    distance, row = k_nearest(points, 1, vertices)
-    return row[:, 0], distance[:, 0]
+def scale_zero(mesh: TriangleMesh, moved: FloatArray, points: FloatArray, spacing_m: float) -> FloatArray:
+    """(k, 3) where the points that the vertices of a mesh are came from; a vertex farther than a spacing from all of them stays.
+
+    moved, points : (n, 3) at the scale of the mesh, and before.
+    """
+    distance, row = k_nearest(moved, 1, mesh.vertices)
+    return np.where(distance <= spacing_m, points[row[:, 0]], mesh.vertices)
 
 
 def returned(mesh: TriangleMesh, target: FloatArray) -> tuple[TriangleMesh, int]:
@@ -135,10 +137,12 @@ def returned(mesh: TriangleMesh, target: FloatArray) -> tuple[TriangleMesh, int]
     """
     share = np.ones(len(target))
     start, faces_at = vertex_faces(mesh.faces, len(mesh.vertices))
+    asked = np.arange(len(mesh.faces))
     for attempt in range(RETREATS):
         now = replace(mesh, vertices=mesh.vertices + share[:, None] * (target - mesh.vertices))
-        bad: BoolArray = degenerate_faces(now.vertices, now.faces)
-        bad[np.unique(self_intersections(now))] = True
+        bad: BoolArray = np.zeros(len(mesh.faces), bool)
+        bad[asked] = degenerate_faces(now.vertices, now.faces[asked])
+        bad[np.unique(intersections_of(now, asked))] = True
         if not bad.any():
             return now, int((share < 1.0).sum())
         corners = np.unique(now.faces[bad])
@@ -146,4 +150,5 @@ def returned(mesh: TriangleMesh, target: FloatArray) -> tuple[TriangleMesh, int]
             ring = np.concatenate([faces_at[start[v] : start[v + 1]] for v in corners])
             corners = np.unique(mesh.faces[ring])
         share[corners] = np.where(share[corners] > 0.1, 0.5 * share[corners], 0.0)
+        asked = np.flatnonzero(np.isin(mesh.faces, corners).any(axis=1))  # no others can have come to cross
     return mesh, len(target)

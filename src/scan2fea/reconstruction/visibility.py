@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from scan2fea.options import option
 from scan2fea.reconstruction.bores import Bore
 from scan2fea.reconstruction.budget import WALL_ENDS
 from scan2fea.reconstruction.carve import Carved, carve
-from scan2fea.reconstruction.denoise import first_normals
+from scan2fea.reconstruction.denoise import denoise, first_normals
 from scan2fea.reconstruction.evidence import Ends
 from scan2fea.reconstruction.gates import Evidence, failed, gates_seen
 from scan2fea.reconstruction.hidden import hidden_points
@@ -91,6 +92,24 @@ class First(Value):
     evidence: Evidence | None = None
 
 
+class ToldSides(NamedTuple):
+    """normals, sigma_m, between_m : as `FirstNormals`.   blocked : share of the sight lines that pass through nearer points."""
+
+    normals: FloatArray
+    sigma_m: float
+    between_m: float
+    blocked: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sides(Value):
+    """normals : (n, 3) outward, of the denoised points.   spacing_m, sigma_m : of the raw points."""
+
+    normals: FloatArray
+    spacing_m: float
+    sigma_m: float
+
+
 def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> Reconstruction:
     """The closed surface of one object.
 
@@ -102,24 +121,28 @@ def visibility(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> 
 def first_surface(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> First:
     """The surface by the sensors, or without those that are not known or do not stand the test. Raises ReconstructionError as `visibility`."""
     cloud = scan.cloud
-    require(
-        len(cloud) >= LEAST_POINTS,
-        ReconstructionError,
-        f"{len(cloud)} points are too few for a surface (limit {LEAST_POINTS}): select a larger object or scan more densely",
-    )
-    require(np.isfinite(cloud.points).all(), ReconstructionError, "some points are not finite: remove them before the reconstruction")
-    h = spacing(cloud.points, options.seed)
-    require(h > 0, ReconstructionError, "all points coincide: there is no surface to find")
+    h = _spacing_of(scan, options)
     images = told_images(scan, options)
     if images is not None:
         return First(surface=_ranged(scan, options, images, h))
     sensors = scan.sensors()
-    measured = np.flatnonzero(np.ones(len(cloud), bool) if cloud.is_inferred is None else ~cloud.is_inferred)
-    known = np.asarray(np.isfinite(sensors).all(axis=1))
-    if not options.use_sensors or known[measured].mean() < KNOWN_SHARE:
+    if not _sensors_lead(cloud, sensors, options):
         return First(surface=_unseen(scan, options, "unknown", {}))
     found = _seen(cloud, options, sensors, h)
     return First(surface=_unseen(scan, options, "rejected", {})) if found is None else First(surface=found[0], evidence=found[1])
+
+
+def sides(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> Sides:
+    """The outward normals of the denoised points; of their surface, where no sensors tell them. Raises ReconstructionError as `visibility`."""
+    cloud, sensors = scan.cloud, scan.sensors()
+    h = _spacing_of(scan, options)
+    if _sensors_lead(cloud, sensors, options):
+        told = _told_sides(cloud, options, sensors, h)
+        if told is not None:
+            clean = denoise(cloud.points, told.normals, h, told.sigma_m, told.between_m)
+            return Sides(normals=clean.normals, spacing_m=h, sigma_m=told.sigma_m)
+    found = visibility(scan, options)
+    return Sides(normals=found.normals, spacing_m=found.spacing_m, sigma_m=found.sigma_m)
 
 
 def looked_again(scan: Scan, options: VisibilityOptions, first: First) -> Reconstruction:
@@ -140,6 +163,26 @@ def looked_again(scan: Scan, options: VisibilityOptions, first: First) -> Recons
     fewer = len(failed(blind.checks)) < len(failed(seen.checks))
     is_same = abs(volume(blind.mesh) - volume(seen.mesh)) <= SAME_VOLUME * abs(volume(seen.mesh))
     return blind if fewer and not is_same else seen  # planes may mend what is left
+
+
+def _spacing_of(scan: Scan, options: VisibilityOptions) -> float:
+    """Spacing of points that a surface can be found through, m. Raises ReconstructionError."""
+    cloud = scan.cloud
+    require(
+        len(cloud) >= LEAST_POINTS,
+        ReconstructionError,
+        f"{len(cloud)} points are too few for a surface (limit {LEAST_POINTS}): select a larger object or scan more densely",
+    )
+    require(np.isfinite(cloud.points).all(), ReconstructionError, "some points are not finite: remove them before the reconstruction")
+    h = spacing(cloud.points, options.seed)
+    require(h > 0, ReconstructionError, "all points coincide: there is no surface to find")
+    return h
+
+
+def _sensors_lead(cloud: PointCloud, sensors: FloatArray, options: VisibilityOptions) -> bool:
+    """Are the sensors of enough of the measured points known?"""
+    measured = np.flatnonzero(np.ones(len(cloud), bool) if cloud.is_inferred is None else ~cloud.is_inferred)
+    return options.use_sensors and bool(np.isfinite(sensors[measured]).all(axis=1).mean() >= KNOWN_SHARE)
 
 
 def opened(scan: Scan, options: VisibilityOptions, first: First, bores: Sequence[Bore]) -> First:
@@ -187,11 +230,10 @@ def _seen(
 
     ends : of walls, on which nothing was measured, that a surface before it had.   bores : that are open.
     """
-    frame = frames_of(cloud)
-    normals, sigma, between = first_normals(cloud.points, outer_side(cloud.points, sensors, cloud.normals), spacing_m, frame)
-    blocked = blocked_share(cloud.points, normals, sensors, spacing_m, sigma, options.seed)
-    if blocked > REJECTED:
+    told = _told_sides(cloud, options, sensors, spacing_m)
+    if told is None:
         return None
+    normals, sigma, between, blocked = told
     for bore in bores:
         normals = facing_axis(bore, cloud.points, normals, spacing_m, sigma)
     carved = carve(
@@ -210,12 +252,19 @@ def _seen(
         is_inferred=cloud.is_inferred,
         sensors=sensors,
         ends_before=ends,
-        frame=frame,
+        frame=frames_of(cloud),
         between_m=between,
     )
     checks = (*gates_seen(evidence, carved.labels.held), *dark_holes(carved.resolved.n_dark))
     found = _result(carved, spacing_m, sigma, "sensors", "known", checks, {"rays_blocked": blocked, **scans_apart(between)})
     return replace(found, ends=_ends(checks, evidence)), evidence
+
+
+def _told_sides(cloud: PointCloud, options: VisibilityOptions, sensors: FloatArray, spacing_m: float) -> ToldSides | None:
+    """What the sensors tell of the points; None where they do not stand the test."""
+    told = first_normals(cloud.points, outer_side(cloud.points, sensors, cloud.normals), spacing_m, frames_of(cloud))
+    blocked = blocked_share(cloud.points, told.normals, sensors, spacing_m, told.sigma_m, options.seed)
+    return None if blocked > REJECTED else ToldSides(*told, blocked)
 
 
 def _in_bores(bores: Sequence[Bore], tetra: Tetrahedralisation) -> FloatArray:

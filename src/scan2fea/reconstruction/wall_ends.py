@@ -17,6 +17,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from scan2fea.kernel.distances import PointToMesh
+from scan2fea.kernel.face_tree import morton_order
 from scan2fea.kernel.jit import jit
 from scan2fea.kernel.measures import face_areas, face_normals, volume
 from scan2fea.kernel.neighbors import k_nearest, radius_components
@@ -39,6 +40,7 @@ BEYOND = 1.5  # spacings beyond a wall's end, at least its thickness: where it w
 STEPS = (0.25, 0.5, 1.0)  # of that distance: where a sight line is asked for; the wall may go on as far as the first that has one
 IN_WALL = 0.25  # of its thickness off the middle of a wall: a sight line farther off may pass beside a wall that bends
 ON = 0.25  # spacings, besides the noise, from a surface that lies on a place
+BLOCK, ROUNDED = 32, 1e-12  # places that lines are held against together; what rounding leaves of the squared distance to an origin
 WHOLE_END = 0.5  # of the area in that plane: with more of it unseen the part may go on there
 
 
@@ -281,24 +283,45 @@ def _slack(evidence: Evidence, faces: IntArray, sheet: FloatArray, far: FloatArr
     return out
 
 
-@jit
 def passed(places: FloatArray, origin: FloatArray, target: FloatArray, near: float) -> BoolArray:
     """(k,) places within `near` of a line from an origin to its target, and nearer to the origin by more than twice that."""
     out = np.zeros(len(places), np.bool_)
-    for p in range(len(places)):
+    if len(places):
+        order = morton_order(places)
+        out[order] = _passed(np.ascontiguousarray(places[order]), origin, target, near)
+    return out
+
+
+@jit
+def _passed(places: FloatArray, origin: FloatArray, target: FloatArray, near: float) -> BoolArray:
+    """As `passed`. Each line is held against the ball round a block of places first: most pass all of them by."""
+    out = np.zeros(len(places), np.bool_)
+    ball = np.zeros(3)
+    for begin in range(0, len(places), BLOCK):
+        end = min(begin + BLOCK, len(places))
+        radius2 = 0.0
+        for k in range(3):
+            ball[k] = places[begin:end, k].mean()
+        for p in range(begin, end):
+            radius2 = max(radius2, (places[p, 0] - ball[0]) ** 2 + (places[p, 1] - ball[1]) ** 2 + (places[p, 2] - ball[2]) ** 2)
+        radius = math.sqrt(radius2)
+        left = end - begin
         for r in range(len(origin)):
-            along = length2 = apart2 = 0.0
-            for k in range(3):
-                way, to = target[r, k] - origin[r, k], places[p, k] - origin[r, k]
-                length2 += way * way
-                along += way * to
-                apart2 += to * to
-            if along <= 0.0 or length2 <= 0.0:
+            x, y, z = target[r, 0] - origin[r, 0], target[r, 1] - origin[r, 1], target[r, 2] - origin[r, 2]
+            u, v, w = ball[0] - origin[r, 0], ball[1] - origin[r, 1], ball[2] - origin[r, 2]
+            length2, along, apart2 = x * x + y * y + z * z, x * u + y * v + z * w, u * u + v * v + w * w
+            if not length2 > 0.0 or apart2 * length2 - along * along > ((near + radius) ** 2 + ROUNDED * apart2) * length2:
                 continue
             length = math.sqrt(length2)
-            at = along / length
-            if at < length - 2.0 * near and apart2 - at * at <= near * near:
-                out[p] = True
+            for p in range(begin, end):
+                if out[p]:
+                    continue
+                u, v, w = places[p, 0] - origin[r, 0], places[p, 1] - origin[r, 1], places[p, 2] - origin[r, 2]
+                at = (x * u + y * v + z * w) / length
+                if 0.0 < at < length - 2.0 * near and u * u + v * v + w * w - at * at <= near * near:
+                    out[p] = True
+                    left -= 1
+            if left == 0:
                 break
     return out
 

@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 
 from predicates import sphere
 from scan2fea.kernel.distances import sample_surface
@@ -71,3 +72,16 @@ def test_a_face_square_to_the_axes_stays_in_its_place_wherever_it_lies():
     row = thinned(Scan(cloud=PointCloud.of(points)), levels * n // 2).cloud.raw_index
     off = points[row, 2] - 0.0131 * level[row]
     assert all(abs(off[level[row] == k].mean()) < 0.1 * sigma for k in range(levels))
+
+
+@pytest.mark.parametrize("sigma", [0.0005, 0.0007, 0.001])
+def test_faces_of_a_dense_scan_stay_in_their_places(sigma):
+    """Of a dozen points a cell one lies in the tail beyond a face, and would stand there for a whole cell: a wall of 6 mm had grown by 9 %."""
+    rng = np.random.default_rng(6)
+    n, t = 200_000, 0.006
+    side = rng.random(n) < 0.5
+    points = np.c_[0.3 * rng.random((n, 2)), np.where(side, t, 0.0) + sigma * rng.normal(size=n)]
+    row = thinned(Scan(cloud=PointCloud.of(points)), n // 15).cloud.raw_index
+    outward = np.where(side[row], points[row, 2] - t, -points[row, 2])
+    assert abs(outward.mean()) < 0.05 * sigma
+    assert outward.std() == pytest.approx(sigma, rel=0.1)

@@ -44,12 +44,12 @@ def n_not_flat(side_m: FloatArray, beyond_m: FloatArray, sigma_m: float, reach_m
     return count
 
 
-def cut_askew(ends: Ends, family: str) -> str:
+def cut_askew(ends: Ends, family: str, joined: tuple[bool, bool] = (False, False)) -> str:
     """Why the scan may have been cut off, not the member: an end that is not square and of whose face nothing was seen; "" where there is none.
 
-    A mitred end shows its face; of a member of which it does not, nobody can tell how far it goes on.
+    A mitred end shows its face; of a member of which it does not, nobody can tell how far it goes on. joined : ends that lie on a neighbour.
     """
-    for end in (ends.low, ends.high):
+    for end in (end for end, is_joined in zip((ends.low, ends.high), joined, strict=True) if not is_joined):
         slope, std = np.asarray(end.slope), np.asarray(end.slope_std)
         tilt = float(np.hypot(*slope))
         if end.cap_points == 0 and tilt > SQUARE + SURE * float(np.hypot(*(slope * std))) / max(tilt, 1e-300):

@@ -275,7 +275,9 @@ def _swept(
             sag, sag_std = np.array([sag[1], -sag[0]]), sag_std[::-1].copy()
     coordinates = sweep.coordinates(points)
     used_m = sweep.span[1] - sweep.span[0]  # of the length: without the ends, which the noise blurs
-    rough = rough_ends(coordinates[near_section(coordinates, fit), 2])
+    near = near_section(coordinates, fit)
+    require(bool(near.any()), EstimationError, f"no point lies near the {fit.family} section with the dimensions given")
+    rough = rough_ends(coordinates[near, 2])
     sweep = sweep.rebased(*rough)
     one = _between_ends(points, sweep, fit, options, fixed, covers)
     if one.wall_m is not None:  # the rim tells how many points the end faces hold

@@ -29,10 +29,13 @@ _REACH = 6.0  # sigma beyond an end, and off a surface
 _AIMED = 8  # sight lines that would have met it, had it gone on
 
 
-def unseen_end(scan: Scan, ends: Ends, member: Member, footings: Sequence[Footing] = ()) -> str:
-    """Why the length is not told; "" where it is. scan : of the member, with every sight line that is known.   footings : planes beside it."""
+def unseen_end(scan: Scan, ends: Ends, member: Member, footings: Sequence[Footing] = (), joined: tuple[bool, bool] = (False, False)) -> str:
+    """Why the length is not told; "" where it is. scan : of the member, with every sight line that is known.   footings : planes beside it.
+
+    joined : whether its low end and its high one lie on a neighbour that it was cut off.
+    """
     high_is_bare, low_is_bare = (share > _LIKELY for share in ends.alone)
-    if not (high_is_bare or low_is_bare) or not _seen_all_round(member):
+    if not (high_is_bare or low_is_bare) or joined[int(high_is_bare)] or not _seen_all_round(member):
         return ""
     sweep = sweep_of(member)
     z = sweep.length_m if high_is_bare else 0.0

@@ -78,6 +78,8 @@ def _chain(made: Made, source: Tracked[Part], config: Config, record: Record) ->
     if any(not check.passed for check in made.checks):
         return  # what is demanded of the scan comes first
     member = choose_route(made, source, config, record)
+    if member is None and source.value.cut_from:
+        raise StageError(f"no member: {made.route.reason if made.route else ''}")  # free form would close it where it was cut off
     if member is not None:
         tets = build_member(made, member, config, record)
         made.checks += noise_checks(made.sigma_m, config.require)

@@ -31,7 +31,7 @@ def choose_route(made: Made, source: Tracked[Part], config: Config, record: Reco
         made.route = Route(name="reconstruction", reason=GIVEN if part.mesh is not None else ASKED)
         return None
     own = own_section(config.object, part.id)
-    around = {"doubt": part.doubt, "footings": part.footings, "strips": part.strips, "covers": part.covers}
+    around = {"doubt": part.doubt, "footings": part.footings, "strips": part.strips, "covers": part.covers, "meets": part.meets}
     scan, known = Tracked(part.scan, source.key), {"route": config.route, "known": own, "root_radius_m": config.solid.root_radius_m, **around}
     found = record("estimate", estimate, scan, options=config.estimation, extra=known, n_in=len(part.scan.cloud), count=_n_told)
     made.estimate, made.route = found.value, route_of(found.value, mode)

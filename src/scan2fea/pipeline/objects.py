@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -105,7 +105,6 @@ def convert_all(
         task = {"key": fingerprint(part), "config": as_tree(own), "resume": resume, "label": str(part.id), "out": str(files), "done": key}
         (folder / "task.json").write_text(json.dumps(task), encoding="utf-8")
         todo.append(folder)
-    _drop_others(out, {f"{part.id:02d}" for part in parts})
     say({"event": "objects", "n": len(todo)})
     by_folder = {keep / f"{part.id:02d}": part for part in parts}
 
@@ -129,7 +128,6 @@ def refuse_all(parts: Sequence[Part], out: Path, why: str, say: Say) -> list[dic
         _write_failed(part, folder, out, why)
         rows.append(json.loads((folder / RESULT).read_text(encoding="utf-8"))["object"])
         say({"event": "verdict", "object": str(part.id), "verdict": rows[-1]["verdict"], "reason": why})
-    _drop_others(out, {f"{part.id:02d}" for part in parts})
     return rows
 
 
@@ -143,8 +141,9 @@ def _is_done(folder: Path, key: str) -> bool:
         return False
 
 
-def _drop_others(out: Path, names: set[str]) -> None:
-    """Objects of an earlier run that are no longer there: their files would look like results."""
+def drop_others(out: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Objects that are not in objects[]: of an earlier run, or tried and given up. Their files would look like results."""
+    names = {f"{row['id']:02d}" for row in rows}
     for folder in [*(out / "objects").glob("*"), *(out / KEEP / "objects").glob("*")]:
         if folder.is_dir() and folder.name not in names:
             shutil.rmtree(folder)

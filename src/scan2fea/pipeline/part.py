@@ -22,6 +22,7 @@ class Part(Value):
     doubt : of the places that it was seen from (`pose_doubt.doubt_of`).   smeared : why a scanner's motion is in its points, "" where it is not.
     footings : planes that it may rest on.   strips : (k, 3) points of thin objects beside it.   covers : of each other
     object or piece of clutter around it, which may lie on it.
+    cut_from : number of the object that it was cut out of, as one of its members; 0 of none.   meets : (k, 3) points of each of the others.
     """
 
     id: int
@@ -33,6 +34,8 @@ class Part(Value):
     footings: tuple[Footing, ...] = ()
     strips: tuple[FloatArray, ...] = ()
     covers: tuple[FloatArray, ...] = ()
+    cut_from: int = 0
+    meets: tuple[FloatArray, ...] = ()
 
     @property
     def contact(self) -> BoolArray:

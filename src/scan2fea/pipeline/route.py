@@ -17,8 +17,11 @@ from scan2fea.estimation.cuts import Cut, share_of_sides
 from scan2fea.estimation.damage import damages
 from scan2fea.estimation.designation import parse_designation
 from scan2fea.estimation.elbows import bent_back, laid_out
+from scan2fea.estimation.end_faces import cut_askew
+from scan2fea.estimation.explain import explanation
 from scan2fea.estimation.fit import SectionFit
 from scan2fea.estimation.given import Given, contradictions
+from scan2fea.estimation.joined import NO_PLANE, ended_at, joints
 from scan2fea.estimation.lacking import lack
 from scan2fea.estimation.member import MemberFit, MemberOptions, fit_member
 from scan2fea.estimation.resting import END, rested, standing
@@ -121,17 +124,18 @@ def estimate(
     strips: Sequence[FloatArray] = (),
     covers: Sequence[FloatArray] = (),
     root_radius_m: float | None = None,
+    meets: Sequence[FloatArray] = (),
 ) -> Estimate:
     """The member of the points, with its catalogue and damage. A bad designation or table raises; an object that is no member does not.
 
     known : of this object alone, in place of `route.member`.   doubt : of the places that its points, by `frame`, were measured from.
     footings : planes that the object may rest on.   strips : (k, 3) points of thin objects beside it.   covers : of all others.
-    root_radius_m : of its fillets, where it is given.
+    root_radius_m : of its fillets, where it is given.   meets : (k, 3) points of each neighbour that it was cut off, as of a welded node.
     A pipe with elbows is a member of its points laid out straight; what it rests on or was covered by is not asked there.
     """
     scan, step_m = spread(scan, options.seed)
     pipe = None if doubt.between_m > 0 else _with_elbows(scan, options, route, known)
-    found = pipe or _straight(scan, options, route, known, doubt, footings, strips, covers, step_m)
+    found = pipe or _straight(scan, options, route, known, doubt, footings, strips, covers, step_m, meets)
     if root_radius_m is None or found.member is None:
         return found
     given = RootFillet(radius_m=root_radius_m, most_m=root_radius_m, source="fixed")
@@ -164,6 +168,7 @@ def _straight(
     strips: Sequence[FloatArray] = (),
     covers: Sequence[FloatArray] = (),
     step_m: float = 0.0,
+    meets: Sequence[FloatArray] = (),
 ) -> Estimate:
     """`estimate` of a member without elbows.   step_m : its coordinates were rounded to."""
     table = table_of(route)
@@ -192,7 +197,7 @@ def _straight(
     is_rested = member is not fit.member
     if not is_rested:  # no face that its ring of points encloses
         member = standing(seated(measured, member, footings), footings)
-    member, fit = _ended(scan, member, fit, footings) if not options.whole and "length" not in section.fixed else (member, fit)
+    member, fit = (member, fit) if "length" in section.fixed else _ended(scan, member, fit, options, (footings, covers, meets))
     told = fit.explanation
     face_m = face_error(told.pattern_m, told.p_value, fit.section.sigma_m) if fit.method == "density" else 0.0
     cloud, larger = larger_doubt(scan, member, doubt)
@@ -219,10 +224,31 @@ def _straight(
     )  # fmt: skip
 
 
-def _ended(scan: Scan, member: Member, fit: MemberFit, footings: Sequence[Footing]) -> tuple[Member, MemberFit]:
-    """The member without its length where the scan may have been cut off at one end, and why in the fit."""
-    open_to_ask = member.parameters[-1].observable and fit.method == "density"  # hits and misses know where it ends
-    unseen = unseen_end(scan, fit.ends, member, footings) if open_to_ask else ""
+def _ended(
+    scan: Scan, member: Member, fit: MemberFit, options: MemberOptions,
+    around: tuple[Sequence[Footing], Sequence[FloatArray], Sequence[FloatArray]]
+) -> tuple[Member, MemberFit]:
+    """The member with its ends on neighbours where these are, and without its length where the scan may have been cut off at one end; why in the fit.
+
+    around : footings, covers and meets of `estimate`.
+    """
+    footings, covers, meets = around
+    if fit.method != "density":  # hits and misses know where it ends
+        return member, fit
+    points = scan.cloud.points if scan.cloud.is_inferred is None else scan.cloud.points[~scan.cloud.is_inferred]
+    low, high = joints(points, member, meets) if fit.explains else (None, None)
+    joined = low is not None, high is not None
+    if any(joined):
+        if not all(joint is None or joint.is_plane for joint in (low, high)):
+            return member, replace(fit, explains=False, reason=NO_PLANE)
+        member = ended_at(member, low, high, fit.ends.std_m)
+        again = explanation(points, member, member.sigma_m, options.seed, covers=[*covers, *meets])
+        askew = "" if options.whole else cut_askew(fit.ends, member.family, joined)
+        fit = replace(fit, why={**fit.why, "length": askew}, explains=again.explains, reason=again.reason)
+        member = without_length(member) if askew else member
+    if options.whole or not member.parameters[-1].observable:
+        return member, fit
+    unseen = unseen_end(scan, fit.ends, member, footings, joined)
     return (without_length(member), replace(fit, why={**fit.why, "length": unseen})) if unseen else (member, fit)
 
 
@@ -268,7 +294,7 @@ def _reason(fit: MemberFit, options: MemberOptions, step_m: float, apart_m: floa
         said.append(f"stations lie {off} off each other (one standard deviation, from the faces that several saw): its dimensions are as uncertain")
     if fit.p_fixed is not None:
         said.append(f"the dimensions given have a p-value of {fit.p_fixed:.3g}")
-    said += [fit.why["length"]] if "length" in fit.why and fit.explains else []
+    said += [fit.why["length"]] if fit.why.get("length") and fit.explains else []
     said += [fit.why["sensor"]] if "sensor" in fit.why and fit.explains else []
     if options.sigma_m is not None and fit.method == "density":
         stated = f"the noise was stated: {MILLIMETRES_PER_METRE * options.sigma_m:.3g} mm, known to {100 * options.sigma_error:g} %"

@@ -28,10 +28,12 @@ from scan2fea.pipeline.chosen import chosen_of
 from scan2fea.pipeline.config import Config, to_toml
 from scan2fea.pipeline.frames import trajectory_of_all
 from scan2fea.pipeline.fuse import record_motion
+from scan2fea.pipeline.joints import with_joined
 from scan2fea.pipeline.kinds import kinds_of, n_kinds, names_of, with_kinds
 from scan2fea.pipeline.labels import edited, labels_text, read_rows
-from scan2fea.pipeline.objects import convert_all, parts_of, refuse_all
+from scan2fea.pipeline.objects import convert_all, drop_others, parts_of, refuse_all
 from scan2fea.pipeline.outputs import write_assembly, write_members
+from scan2fea.pipeline.part import Part
 from scan2fea.pipeline.record import KEEP, Record, Say, Tracked, key_of
 from scan2fea.pipeline.results import assumed_unit, finite_tree, input_row, run_report
 from scan2fea.pipeline.route import known_section, table_of
@@ -79,7 +81,15 @@ def run(
             made = refuse_all(parts, out, WITHOUT_SCALE, log)
             stages: list[dict[str, Any]] = []
         else:
-            made, stages = convert_all(parts, out, replace(config, object=named), resume, log, workers)
+            own = replace(config, object=named)
+
+            def convert(some: Sequence[Part], how: Config) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+                return convert_all(some, out, how, resume, log, workers)
+
+            made, stages = convert(parts, own)
+            made, more, chosen = with_joined(scene.value, segments, chosen, parts, made, own, convert)
+            stages += more
+        drop_others(out, made)
         objects = with_kinds(made, chosen, kinds)
         write_assembly(out, out / KEEP / "objects", objects)
         frame = write_members(out, out / KEEP / "objects", objects, config)

@@ -19,7 +19,7 @@ def segment_rows(cloud: PointCloud, segments: Segments, chosen: Selection, kinds
     `object` is its number among the objects, if any.
     """
     rows = []
-    numbers = {label: number for number, label in enumerate(chosen.labels, start=1)}
+    numbers = {label: number for number, label in enumerate(chosen.labels, start=1)}  # of one that fell into members the last
     for label, (role, guess) in enumerate(zip(segments.kinds, kinds, strict=True)):
         own = cloud.points[segments.labels == label]
         low, high = (own.min(axis=0), own.max(axis=0)) if len(own) else (np.zeros(3), np.zeros(3))

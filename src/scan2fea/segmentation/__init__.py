@@ -2,6 +2,7 @@
 
 from scan2fea.segmentation.around import bodies_around
 from scan2fea.segmentation.contact import contact_points, footings
+from scan2fea.segmentation.joints import joined_members
 from scan2fea.segmentation.options import SegmentationOptions, SelectOptions
 from scan2fea.segmentation.scene import METHODS, Method, segment_scene
 from scan2fea.segmentation.select import Selection, select
@@ -16,6 +17,7 @@ __all__ = [
     "bodies_around",
     "contact_points",
     "footings",
+    "joined_members",
     "segment_scene",
     "select",
     "strips_beside",

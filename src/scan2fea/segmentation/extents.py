@@ -73,3 +73,13 @@ def extent_of(points: FloatArray, normals: FloatArray) -> Extent:
     frame = np.stack([turn[0, 0] * u + turn[1, 0] * v, turn[0, 1] * u + turn[1, 1] * v, axis])
     low, high = np.quantile(centred @ frame.T, [_TAIL, 1.0 - _TAIL], axis=0)
     return Extent(frame=frame, middle=middle, low=low, high=high)
+
+
+def extent_on_faces(points: FloatArray, normals: FloatArray, axis: FloatArray) -> Extent:
+    """The box of points (m, 3) along the axis (3,) with sides as most normals (m, 3) are: of a tube seen at one corner it holds the others too."""
+    middle = points.mean(axis=0)
+    u, v = across(axis)
+    angle = 0.25 * np.angle(((normals @ u + 1j * (normals @ v)) ** 4).sum())  # four ways are one: the sides are square to each other
+    frame = np.stack([np.cos(angle) * u + np.sin(angle) * v, np.cos(angle) * v - np.sin(angle) * u, axis])
+    low, high = np.quantile((points - middle) @ frame.T, [_TAIL, 1.0 - _TAIL], axis=0)
+    return Extent(frame=frame, middle=middle, low=low, high=high)

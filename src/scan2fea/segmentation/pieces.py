@@ -66,7 +66,7 @@ def pieces(thin: Thin, seed: int) -> tuple[IntArray, FloatArray]:
         longest = runs.max(axis=0)
         own = np.where(longest >= 2.0 * GAP * thin.h, (runs >= _NEARLY * longest).argmax(axis=0), -1)  # of axes that do as well the first
         piece, which = _connected(thin, own, axes)
-        axes = _distinct(which, np.bincount(piece[piece >= 0], minlength=len(which)))
+        axes = distinct(which, np.bincount(piece[piece >= 0], minlength=len(which)))
     return piece, which
 
 
@@ -85,7 +85,7 @@ def _connected(thin: Thin, own: IntArray, axes: FloatArray) -> tuple[IntArray, F
     return piece, np.array(which).reshape(-1, 3)
 
 
-def _distinct(axes: FloatArray, weight: IntArray) -> FloatArray:
+def distinct(axes: FloatArray, weight: IntArray) -> FloatArray:
     """The axes that differ by two degrees or more, those of most points first; at most 48."""
     kept: list[FloatArray] = []
     for i in np.argsort(-weight, kind="stable"):

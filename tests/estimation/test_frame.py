@@ -1,6 +1,7 @@
 """Wireframes: where members meet there is one node, where they do not there are two."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -60,6 +61,13 @@ def test_the_reach_is_both_sections():
     for gap, n_elements in ((reach - 1e-4, 3), (reach + 1e-4, 2)):
         found = frame([between([0, 0, 0], [0, 0, 2]), between([gap, 0, 1], [1, 0, 1])])
         assert len(found.elements) == n_elements
+
+
+def test_an_arm_beyond_a_joint_stays_however_uncertain_the_others_length_is():
+    """How far the stem of a tee reaches says nothing of the place along the other member at which it does."""
+    stem = between([0.15, 0, 0.05], [0.15, 0, 0.5])
+    vague = replace(stem, parameters=(*stem.parameters[:-1], replace(stem.parameters[-1], std_m=0.02)))
+    assert len(frame([between([0, 0, 0], [0.6, 0, 0]), vague]).elements) == 3
 
 
 def test_crossing_members_are_joined_parallel_ones_are_not():

@@ -134,7 +134,7 @@ def _gap(a: _Axis, b: _Axis, at_m: float) -> float:
 
 def _station(of: list[_Station], axis: _Axis, number: int, at_m: float, other: _Axis) -> _Station:
     """The end of the member where the other one meets it there, a station that is there already, or a new one between."""
-    near_end = axis.reach_m + other.reach_m + SIGMAS * math.hypot(axis.error_m, other.error_m)
+    near_end = axis.reach_m + other.reach_m + SIGMAS * math.hypot(axis.error_m, float(axis.along @ other.along) * other.error_m)
     for end in of[:2]:
         if abs(at_m - end.at_m) <= near_end or (at_m < 0 and end.at_m == 0) or (at_m > axis.length_m and end.at_m > 0):
             return end

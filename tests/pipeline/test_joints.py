@@ -47,7 +47,7 @@ def test_members_take_the_place_of_what_was_refused(node):
     rows, stages, chosen = with_joined(*node, [REFUSED], config, converter({2: "converted", 3: "converted"}, seen))
     assert [row["id"] for row in rows] == [2, 3]
     assert chosen.labels == (0, 0, 0)  # number -> label, for each that may be asked for
-    assert len(stages) == 2
+    assert len(stages) == 2  # one of each
     assert "objects 2, 3" in rows[0]["reason"]
     pieces = [part for parts, _ in seen for part in parts]
     assert all(part.cut_from == 1 for part in pieces)

@@ -45,10 +45,10 @@ def with_joined(
             continue
         own = () if known is None else tuple(dataclasses.replace(known, id=piece.id) for piece in pieces)
         found: list[Row] = []
-        for some in (pieces[:1], pieces[1:]):  # all depends on the largest
-            more, took = convert(some, dataclasses.replace(config, object=own))
+        for piece in pieces:  # the largest first, and none in vain
+            more, took = convert([piece], dataclasses.replace(config, object=own))
             found, stages = found + more, stages + took
-            if more[0]["verdict"] != "converted" and len(some[0].scan.cloud) > MAX_CLUTTER * len(part.scan.cloud):
+            if sum(one["n_points"] for one in found if one["verdict"] != "converted") > MAX_CLUTTER * len(part.scan.cloud):
                 break
         built = [one for one in found if one["verdict"] == "converted"]
         share = sum(one["n_points"] for one in built) / len(part.scan.cloud)

@@ -45,9 +45,10 @@ def with_joined(
             continue
         own = () if known is None else tuple(dataclasses.replace(known, id=piece.id) for piece in pieces)
         found: list[Row] = []
+        took: list[Row] = []
         for piece in pieces:  # the largest first, and none in vain
-            more, took = convert([piece], dataclasses.replace(config, object=own))
-            found, stages = found + more, stages + took
+            more, steps = convert([piece], dataclasses.replace(config, object=own))
+            found, took = found + more, took + steps
             if sum(one["n_points"] for one in found if one["verdict"] != "converted") > MAX_CLUTTER * len(part.scan.cloud):
                 break
         built = [one for one in found if one["verdict"] == "converted"]
@@ -57,7 +58,7 @@ def with_joined(
             why = refused[0] if refused else f"these hold {share:.0%} of its points"
             rows.append({**row, "reason": f"{row['reason']}; nor is it {len(pieces)} members that meet: {why}"})
             continue
-        first += len(pieces)
+        first, stages = first + len(pieces), stages + took
         chosen = dataclasses.replace(chosen, labels=(*chosen.labels, *[chosen.labels[part.id - 1]] * len(pieces)))
         rows += [{**one, "reason": f"{one['reason']}; {_says(part, pieces, share)}"} for one in found]
     return rows, stages, chosen

@@ -138,3 +138,18 @@ def test_a_wall_bare_between_its_seen_edges_is_told_where_the_noise_hides_a_cut(
     told = explanation(points[~gap] + sigma * np.random.default_rng(8).standard_normal((int((~gap).sum()), 3)), member, sigma)
     assert not any(place.is_cut for place in told.cuts)
     assert [check.passed for check in bare_wall_checks(share_of_sides(told.cuts, member))] == [False]
+
+
+@pytest.mark.parametrize("family", ["CHS", "RHS"])
+def test_a_bar_turned_down_along_part_of_it_is_no_tube(family):
+    """A solid shaft of 60 and 54 mm, its ends unseen, had been converted as a tube of 60 x 3 (-80 % of its volume)."""
+    member = made(family, LENGTH)
+    points = scanned(member, 6_000, 0.0, 0)
+    loops = section(member.family, member.values()).loops
+    is_inner = outline_distance(section(member.family, member.values()), points[:, :2])[1] >= len(loops[0])
+    cap = np.abs(points[:, 2] - LENGTH / 2) > LENGTH / 2 - 1e-6
+    z, noise = points[:, 2], SIGMA * np.random.default_rng(7).standard_normal(points.shape)
+    stepped = ~cap & (is_inner == (z > FROM))
+    assert "two sections" in explanation((points + noise)[stepped], member, SIGMA).reason
+    for seen in (~is_inner | (z > FROM), ~is_inner, is_inner | (z > FROM)):  # a little way in; from outside; a duct from within
+        assert "two sections" not in explanation((points + noise)[~cap & seen], member, SIGMA).reason

@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -128,6 +129,20 @@ def test_a_border_that_does_not_touch_keeps_none_from_it_that_do():
     assert [t.first for t in kept] == [0, 0]
     assert made[2].point[2] - made[2].radius == pytest.approx(0.0, abs=1e-4)
     assert made[1].point[2] == pytest.approx(-0.2, abs=1e-9)
+
+
+@pytest.mark.parametrize(("lean", "places"), [(0.0, 5), (0.006, 3), (0.0, 0)])
+def test_a_border_touches_as_far_as_its_surfaces_do(lean, places):
+    """A round over a floor, its axis level, rising by 0.006, or a millimetre up: all of the inner places, those before the cusp, or none."""
+    floor = plane((0, 0, 0), (0, 0, 1))
+    up = 0.0 if places else 1.0
+    axis = np.array([0.0, 1.0, lean]) / np.hypot(1, lean)
+    round_one = Surface(kind=CYLINDER, point=np.array([0.0, -10.0, 4.0 + up]), axis=axis, radius=4.0, sense=-1)
+    line = np.column_stack([np.zeros(41), np.linspace(-10, 10, 41), np.zeros(41)])
+    mesh = TriangleMesh(vertices=line, faces=np.zeros((0, 3), np.int64))
+    network = SimpleNamespace(chains=[SimpleNamespace(vertices=np.arange(41), left=0, right=1)], surface=np.array([0, 1]))
+    found = touches_of(mesh, network, [floor, round_one], [1e-12 * np.eye(3), 1e-12 * np.eye(5)], 0.15, 0.5)
+    assert sum(len(t.at) for t in found) == places
 
 
 def test_faces_beyond_a_line_of_touch_go_to_the_other_side_of_it():

@@ -22,6 +22,7 @@ SMOOTH = float(np.cos(np.radians(30.0)))  # a small cylinder that misses its pla
 PLACES = 7  # along a border
 SIGMAS = 4.0  # by which two surfaces that touch may miss each other
 MOST = 0.6  # of the places of a border
+PART = 2  # places at one end of it
 SLIDES = 12
 ROUNDS = 10
 FIRST, LAST, FALL = 3e-2, 1e-3, 0.3  # mm: how closely the equations are asked for, round by round
@@ -70,6 +71,8 @@ def touches_of(
         good = (np.abs(a.distance(place) - b.distance(place)) <= limit) & (np.linalg.norm(place - touch.at, axis=1) <= most)
         if good.mean() > MOST:
             out.append(touch)
+        elif good.sum() >= PART and np.flatnonzero(np.diff(good)).size == 1:  # up to a cusp, from which on they part
+            out.append(replace(touch, at=touch.at[good], across=touch.across[good]))
     return out
 
 

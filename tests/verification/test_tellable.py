@@ -2,7 +2,10 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from scan2fea.verification.tellable import smallest_hole_m
+from scan2fea.estimation.holes import occupied
+from scan2fea.estimation.outline import edge_lengths
+from scan2fea.kernel.sections import section
+from scan2fea.verification.tellable import smallest_hole_m, smallest_hole_of_member_m
 
 H, SIDE = 0.005, 0.3
 
@@ -26,3 +29,21 @@ def test_noise_and_size_widen_it():
     assert smallest_hole_m(0.1, H, 0.001) == pytest.approx(smallest_hole_m(0.1, H, 0.0) + 0.002)
     assert smallest_hole_m(0.2, H, 0.0) > smallest_hole_m(0.1, H, 0.0)
     assert smallest_hole_m(0.4, 2 * H, 0.002) == pytest.approx(2 * smallest_hole_m(0.1, H, 0.001))
+
+
+def test_a_face_alone_shows_holes_from_the_size_that_is_told_on():
+    """A bar's side of 0.2 x 1 m without the points of a circle, which lies anywhere on it."""
+    shape, h = section("rect", {"b": 0.2, "t": 0.05}), 0.008
+    told, wide = smallest_hole_of_member_m(0.5, h, 0.0, both_sides=False), int(np.argmax(edge_lengths(shape)))
+    assert told > 1.5 * smallest_hole_of_member_m(0.5, h, 0.0, both_sides=True)
+    found = []
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        edge = rng.choice(4, int(0.5 / h**2), p=edge_lengths(shape) / 0.5)
+        along, z = rng.uniform(0, edge_lengths(shape)[edge]), rng.uniform(0, 1.0, len(edge))
+        middle = rng.uniform([0.07, 0.2], [0.13, 0.8])
+        for size in (told, 0.4 * told):
+            left = (edge != wide) | (np.hypot(along - middle[0], z - middle[1]) > size / 2)
+            found.append(len(occupied(shape, edge[left], along[left], z[left], 1.0, 0.0)[1]))
+    assert sum(found[::2]) >= 27
+    assert not any(found[1::2])

@@ -34,7 +34,7 @@ from scan2fea.segmentation import Selection
 from scan2fea.types import Brep, Check, FEModel, FEResult, FloatArray, Member, Parameter, Segments, TetMesh, TriangleMesh
 from scan2fea.verification.limits import limits
 from scan2fea.verification.member import assumed_volume_std
-from scan2fea.verification.tellable import smallest_hole_m
+from scan2fea.verification.tellable import smallest_hole_m, smallest_hole_of_member_m
 from scan2fea.verification.verdict import verdict
 
 SCHEMA = 1
@@ -237,10 +237,13 @@ def _apart(made: Made) -> str:
 
 
 def _narrowest(made: Made) -> dict[str, float]:
-    """`smallest_hole_m` of a free form that was made of points."""
-    if made.member is not None or made.part.mesh is not None or made.surface is None or not made.spacing_m > 0:
+    """`smallest_hole_m` of what was made of points."""
+    if made.part.mesh is not None or made.surface is None or not made.spacing_m > 0:
         return {}
-    return {"smallest_hole_m": smallest_hole_m(area(made.surface), made.spacing_m, made.sigma_m)}
+    told = area(made.surface), made.spacing_m, made.sigma_m
+    if made.member is None:
+        return {"smallest_hole_m": smallest_hole_m(*told)}
+    return {"smallest_hole_m": smallest_hole_of_member_m(*told, both_sides=min(made.member.seen.values(), default=0.0) >= SEEN)}
 
 
 def _narrow_holes(row: Mapping[str, Any]) -> str:

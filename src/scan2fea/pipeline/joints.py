@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from scan2fea.estimation.explain import MAX_CLUTTER
+from scan2fea.estimation.explain import MAX_CLUTTER, MAX_CROWD
 from scan2fea.pipeline.config import Config
 from scan2fea.pipeline.known import KnownObject
 from scan2fea.pipeline.objects import parts_of
@@ -75,7 +75,7 @@ def _pieces(scene: Scene, segments: Segments, chosen: Selection, part: Part, fir
     label = chosen.labels[part.id - 1]
     at = np.flatnonzero((segments.labels == label) & ~scene.is_filled)
     found = joined_members(scene.scan.cloud.points[at], config.segmentation.seed, config.segmentation.min_points)
-    if found is None:
+    if found is None or float((found < 0).mean()) > MAX_CROWD:  # what is of no member, but of the object, is a body that the solids would lack
         return []
     labels, n, n_pieces = segments.labels.copy(), len(segments.kinds), int(found.max()) + 1
     labels[segments.labels == label] = -1

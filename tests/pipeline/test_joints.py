@@ -10,7 +10,9 @@ from scan2fea.pipeline.known import KnownObject
 from scan2fea.pipeline.part import Part
 from scan2fea.pipeline.record import Record
 from scan2fea.pipeline.scene import Scene
+from scan2fea.pipeline.segment_rows import segment_rows
 from scan2fea.segmentation import Selection
+from scan2fea.segmentation.kinds import Guess
 from scan2fea.types import PointCloud, Scan, Segments, Trajectory
 from welded import tee
 
@@ -47,6 +49,8 @@ def test_members_take_the_place_of_what_was_refused(node):
     rows, stages, chosen = with_joined(*node, [REFUSED], config, converter({2: "converted", 3: "converted"}, seen))
     assert [row["id"] for row in rows] == [2, 3]
     assert chosen.labels == (0, 0, 0)  # number -> label, for each that may be asked for
+    (row,) = segment_rows(node[0].scan.cloud, node[1], chosen, [Guess(kind="unknown", confidence=0.3)])
+    assert row["object"] == 2 and row["why"].endswith("objects 2, 3")
     assert len(stages) == 2  # one of each
     assert "objects 2, 3" in rows[0]["reason"]
     pieces = [part for parts, _ in seen for part in parts]

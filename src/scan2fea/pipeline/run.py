@@ -1,6 +1,7 @@
 """The chain, in the order of docs/design.md: the only place that knows it.
 
-read -> place -> clean -> segment -> (labels.csv) -> select -> each object in a process of its own (convert.py) -> report.json
+read -> place -> clean -> segment -> (labels.csv) -> select -> each object in a process of its own (convert.py)
+-> what was refused once more, as members that meet (joints.py) -> report.json
 """
 
 from __future__ import annotations

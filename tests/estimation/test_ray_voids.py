@@ -1,11 +1,15 @@
 """What rays tell that points cannot: holes that were shot through, and neighbours that lie in the sensor's own sheets."""
 
+import math
+
 import numpy as np
 import pytest
 
 from estimation.made import made
 from scan2fea.estimation.explain import AGAIN, MAX_EXCESS, explanation
 from scan2fea.estimation.ray_voids import in_sheets, seen_through, shot_through, told_by_rays
+from scan2fea.estimation.solid import swept
+from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.types import PointCloud, Rays, Scan
 
 PLATE = made("rect", 1.0, {"b": 0.2, "t": 0.02})  # b along x, t along y, 1 m along z
@@ -58,6 +62,54 @@ def test_a_wall_that_was_seen_through_is_none():
     behind = np.where(there[:, 0] > 0.1, 3.0, measured)  # past its edge
     assert seen_through(scan_of(origin, way, behind), PLATE) == ""
     assert seen_through(Scan(cloud=scan_of(origin, way, measured).cloud), PLATE) == ""
+
+
+def through(tube, is_gone, n, seed):
+    """A scan of a tube from four sides: (hit, range) where is_gone(places on the wall that is met first) has rays go on to the next face but one."""
+    rng = np.random.default_rng(seed)
+    scene, long = scene_of(swept(tube)), tube.values()["length"]
+    turn = rng.integers(0, 4, n) * math.pi / 2
+    origin = np.stack([2.0 * np.cos(turn), 2.0 * np.sin(turn), np.full(n, long / 2)], 1)
+    way = np.stack([*rng.uniform(-0.09, 0.09, (2, n)), rng.uniform(0, long, n)], 1) - origin
+    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    reach = first_hits(scene, origin, way)[0]
+    met = np.isfinite(reach)
+    gone = met & is_gone(origin + np.where(met, reach, 0.0)[:, None] * way)
+    for _ in range(2):
+        reach[gone] += 1e-6 + first_hits(scene, origin[gone] + (reach[gone] + 1e-6)[:, None] * way[gone], way[gone])[0]
+    reach += 5e-4 * rng.standard_normal(n)
+    hit = np.flatnonzero(np.isfinite(reach))
+    rays = Rays(origin=origin, direction=way, range_m=np.where(np.isfinite(reach), reach, np.nan))
+    return Scan(cloud=PointCloud.of(origin[hit] + reach[hit, None] * way[hit], ray=hit), rays=rays)
+
+
+def test_what_is_measured_behind_one_place_of_a_wall_tells_its_hole():
+    """Four holes of 40 mm in a tube that was seen from outside had been passed over: too few points were lacking."""
+    tube = made("RHS", 1.2, {"h": 0.15, "b": 0.15, "t": 0.008})
+
+    def hole(at):
+        return np.hypot(at[:, 1], at[:, 2] - 0.4) < 0.02
+
+    for seed in range(5):
+        strays = np.random.default_rng([seed, 1])
+        assert "there is a hole" in seen_through(through(tube, hole, 12_000, seed), tube)
+        assert seen_through(through(tube, lambda at, draw=strays: draw.random(len(at)) < 0.01, 12_000, seed), tube) == ""
+
+
+def test_a_dent_is_no_hole():
+    tube = made("RHS", 1.2, {"h": 0.15, "b": 0.15, "t": 0.008})
+    scan = through(tube, lambda at: np.zeros(len(at), bool), 12_000, 0)
+    points = scan.cloud.points
+    deep = (points[:, 0] > 0.07) * np.maximum(0.0, 0.03 - np.hypot(points[:, 1], points[:, 2] - 0.4))
+    ranges = scan.rays.range_m.copy()
+    ranges[scan.cloud.ray] += deep
+    assert seen_through(scan_of_rays(scan.rays, ranges), tube) == ""
+
+
+def scan_of_rays(rays, ranges):
+    hit = np.flatnonzero(np.isfinite(ranges))
+    points = rays.origin[hit] + ranges[hit, None] * rays.direction[hit]
+    return Scan(cloud=PointCloud.of(points, ray=hit), rays=Rays(origin=rays.origin, direction=rays.direction, range_m=ranges))
 
 
 def test_rings_far_apart_under_wide_noise_are_sheets():

@@ -6,19 +6,24 @@ noise, neighbours lie in the cone and not in the surface: their plane, their sca
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy import ndimage
+from scipy.spatial import cKDTree
+from scipy.special import bdtrc
 
 from scan2fea.estimation.explain import AGAIN, MAX_CROWD, TOLERANCE, ByRays
 from scan2fea.estimation.holes import VOID_CELLS, VOID_POINTS, on_faces
 from scan2fea.estimation.outline import outline_distance
 from scan2fea.estimation.solid import swept
 from scan2fea.estimation.swept import sweep_of_member
+from scan2fea.kernel.measures import face_normals
 from scan2fea.kernel.noise import QUANTILE, sampled_rows
 from scan2fea.kernel.normals import normals_at
-from scan2fea.kernel.rays import first_hits, scene_of
+from scan2fea.kernel.rays import RayScene, first_hits, scene_of
 from scan2fea.kernel.sections import ROUND, section
-from scan2fea.types import BoolArray, FloatArray, Member, Scan, Section
+from scan2fea.types import BoolArray, FloatArray, IntArray, Member, Scan, Section
 
 _NEIGHBOURS = 12
 _POINTS = 2_000
@@ -26,7 +31,10 @@ _EDGE_ON = 0.26  # |cosine| of ray and normal: 75 degrees, where hardly a ray co
 _REACH = 6.0  # sigma beyond which a return is not of the member
 _A_CELL = 6.0  # rays aimed at a cell, on average
 _SIGMAS = 4.0  # and mill tolerance: what lies no deeper than that may be on the face, and what passes no farther from a corner beside it
-_ASKED = 20_000  # rays
+_ASKED = 200_000  # rays
+_FACING = 0.9  # cosine between the two faces of a wall
+_TOGETHER = (4, 8, 16, 32, 64)  # rays of one place, that are asked together
+_CHANCE = 1e-6  # that strays pass a wall together
 
 
 def in_sheets(scan: Scan, seed: int = 0) -> bool:
@@ -65,7 +73,8 @@ def shot_through(scan: Scan, member: Member, sigma_m: float) -> int:
 
 
 def seen_through(scan: Scan, member: Member, seed: int = 0) -> str:
-    """Why rays deny the member: more points than may be a second body lie behind a wall of it, as seen from the sensor; "" where not or not known.
+    """Why rays deny the member: more points than may be a second body lie behind a wall of it, as seen from the sensor, or some of one place do; ""
+    where not or not known.
 
     An open section whose lips were seen looks like a tube whose wall is bare between them: what was measured within was measured through that wall.
     """
@@ -75,23 +84,64 @@ def seen_through(scan: Scan, member: Member, seed: int = 0) -> str:
     rows = scan.cloud.ray[known[sampled_rows(len(known), _ASKED, seed)]]
     origin, way, reach = scan.rays.origin[rows], scan.rays.direction[rows], scan.rays.range_m[rows]
     solid, shape = swept(member), section(member.family, member.values())
-    entry, face = first_hits(scene_of(solid), origin, way)
-    corners = solid.vertices[solid.faces[face]]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    across = np.abs(np.einsum("ni,ni->n", normal, way)) / np.maximum(np.linalg.norm(normal, axis=1), 1e-300)
+    scene, normals = scene_of(solid), face_normals(solid)
+    entry, face = first_hits(scene, origin, way)
     off = _SIGMAS * member.sigma_m + TOLERANCE * float(np.linalg.norm(np.ptp(np.concatenate(shape.loops), axis=0)))
-    behind = np.flatnonzero(np.isfinite(entry))
-    behind = behind[(reach - entry)[behind] * across[behind] > off]
-    at = sweep_of_member(member).coordinates(origin[behind] + entry[behind, None] * way[behind])
+    met = np.flatnonzero(np.isfinite(entry))
+    origin, way, reach, entry, face = origin[met], way[met], reach[met], entry[met], face[met]
+    places = origin + entry[:, None] * way
+    at = sweep_of_member(member).coordinates(places)
     along = np.minimum(at[:, 2], member.values()["length"] - at[:, 2])
     clear = (along > off) & (_from_corners(shape, member.family, at[:, :2]) > off)
-    share = float(clear.sum()) / len(rows)
-    if share <= MAX_CROWD:
+    beyond = (reach - entry) * np.abs(np.einsum("ni,ni->n", normals[face], way))
+    share = float((clear & (beyond > off)).sum()) / len(rows)
+    if share > MAX_CROWD:
+        return (
+            f"{share:.0%} of the points (limit {MAX_CROWD:.0%}) lie behind a wall of the {member.family} member, as seen from where they were "
+            "measured: there is no wall where their rays passed"
+        )
+    passed, deep = np.zeros(len(met), bool), np.flatnonzero(clear & (beyond > off))
+    passed[deep] = _past_walls(scene, normals, member, places[deep], way[deep], (reach - entry)[deep], face[deep], off)
+    aimed = clear & (beyond > -off)  # nothing before it hides the wall
+    return _one_place(places[aimed], at[aimed, 2], passed[aimed], member)
+
+
+def _past_walls(
+    scene: RayScene, normals: FloatArray, member: Member, places: FloatArray, way: FloatArray, deep: FloatArray, face: IntArray, off: float
+) -> BoolArray:
+    """(n,) were points measured on another face of the member, on the far side of the wall that their rays enter at places (n, 3)?
+
+    deep : (n,) m, along the ray.   face : (n,) triangle entered.   A dent leads into the wall and stays there; what passes by a rounded corner leaves
+    the solid by the next face.
+    """
+    skin = 1e-3 * off
+    thick, out = first_hits(scene, places + skin * way, way)
+    wall = (out >= 0) & (np.einsum("ni,ni->n", normals[face], normals[out]) < -_FACING)
+    wall &= (deep - skin - thick) * np.abs(np.einsum("ni,ni->n", normals[out], way)) > off
+    shape = section(member.family, member.values())
+    ends = sweep_of_member(member).coordinates(places + deep[:, None] * way)
+    return np.asarray(wall & (np.abs(outline_distance(shape, ends[:, :2])[0]) < off))
+
+
+def _one_place(places: FloatArray, along: FloatArray, passed: BoolArray, member: Member) -> str:
+    """Where more rays of those aimed at one place, places (n, 3), passed a wall than chance lets strays do; "" where nowhere."""
+    rays = np.flatnonzero(passed)
+    if len(rays) < _TOGETHER[0]:
         return ""
-    return (
-        f"{share:.0%} of the points (limit {MAX_CROWD:.0%}) lie behind a wall of the {member.family} member, as seen from where they were measured: "
-        "there is no wall where their rays passed"
-    )
+    tree, best, says = cKDTree(places), math.log(_CHANCE / (len(rays) * len(_TOGETHER))), ""
+    for n in (n for n in _TOGETHER if n <= len(places)):
+        distance, near = map(np.asarray, tree.query(places[rays], n))
+        gone = passed[near].sum(axis=1)
+        with np.errstate(divide="ignore"):
+            chance = np.log(bdtrc(gone - 1, n, len(rays) / len(places)))
+        k = int(np.argmin(chance))
+        if chance[k] < best:
+            best = float(chance[k])
+            says = (
+                f"{gone[k]} of {n} rays that were aimed at one place of a wall of the {member.family} member ({1e3 * distance[k, -1]:.3g} mm around, "
+                f"{along[rays[k]]:.3f} m along it) were stopped by the wall beyond: there is a hole, and the member has none"
+            )
+    return says
 
 
 def _from_corners(shape: Section, family: str, xy: FloatArray) -> FloatArray:

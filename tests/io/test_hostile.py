@@ -162,6 +162,7 @@ BAD = {
     # meshes
     "short.stl": (b"x" * 50, "84 are needed"),
     "cut.stl": (b"\0" * 80 + struct.pack("<I", 9) + b"\0" * 50, "promises 9 triangles"),
+    "solid.stl": (b"solid plate".ljust(80) + struct.pack("<I", 9) + b"1" * 50, "promises 9 triangles"),
     "zero.stl": (b"\0" * 84, "promises 0 triangles"),
     "empty.stl": (b"solid a\nendsolid a\n", "no triangles"),
     "open.stl": (b"solid a\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n", "2 corners and 0 whole"),

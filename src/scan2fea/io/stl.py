@@ -31,8 +31,8 @@ def open_stl(path: Path, size: int) -> Source:
     with path.open("rb") as handle:
         head = handle.read(84)
     n = int.from_bytes(head[80:84], "little") if len(head) == 84 else 0
-    # many binary files begin with "solid" too: the size decides
-    if head.lstrip().lower().startswith(b"solid") and size != 84 + 50 * n:
+    # many binary files begin with "solid" too: a text holds no zero byte, a count of less than 2^24 triangles does; of more the size decides
+    if head.lstrip().lower().startswith(b"solid") and b"\0" not in head and size != 84 + 50 * n:
         corners = _text(path, size)
     else:
         corners = _binary(path, size, n, head)

@@ -105,3 +105,16 @@ def test_a_line_passes_a_wall_that_ends_beyond_its_middle_deeper_than_noise_lets
     for way in (np.array([0.0, 0.0, -1.0]), np.array([0.6, 0.0, -0.8])):
         line = lines_over(np.array([[*AT, end]]) + (WALL / 2 - end) * np.array([[way[0] / way[2], 0.0, 0.0]]) * -1.0, way)
         assert empty_places(plate(), points, line)[0].passed != is_hole
+
+
+def test_a_place_with_a_wider_gap_round_it_on_one_face_is_a_gap_of_the_scan():
+    """A ball before one face hides more of it than of the other; a hole without points on its rim leaves as much of both."""
+    points, wide = sample_surface(plate(), 4 * N, 3)[0], radius_of(0.8 * emptiness(4 * N))
+    gap = without(without(points, wide), 2.0 * wide, (0.0,))
+    hole, told = empty_places(plate(), gap)
+    share = math.pi * wide**2 / (SIZE[0] * SIZE[1])
+    assert hole.passed and told.passed and share < told.value < 2.0 * share  # where one face is bare the other is so by chance
+    beside = points[~((np.linalg.norm(points[:, :2] - AT - [1.5 * wide, 0.0], axis=1) < 2.0 * wide) & (points[:, 2] < 1e-9))]
+    assert not empty_places(plate(), without(beside, wide))[0].passed  # one face has points at part of the rim of the hole
+    rim = np.append(AT + [wide, 0.0], 0.5 * WALL)
+    assert not empty_places(plate(), np.vstack([gap, rim]))[0].passed

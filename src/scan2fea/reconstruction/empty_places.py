@@ -4,7 +4,8 @@ Of random points of density rho the circles through three neighbours (Delaunay) 
 or more is a chance of (1 + x) exp(-x), x = rho pi r^2 (Miles 1970). Where both faces of a wall leave the same place bare, x is that of both.
 
 Where sight lines are known, a hole is what one of them passes through: the wall of a bore is seen along such lines. What none passes was not looked
-at from either side: there the planes go on, and what may be missing is told.
+at from either side: there the planes go on, and what may be missing is told. Without them, points of both faces go up to the rim of a hole. Where all
+round such a place one face has none either, and the middle of the wall neither, something stood before that face, as deep as the other one.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.hidden_volume import LIMIT
 from scan2fea.reconstruction.plane_growing import FACING
 from scan2fea.reconstruction.sight import Sight
+from scan2fea.reconstruction.wall_ends import BETWEEN
 from scan2fea.types import BoolArray, Check, FloatArray, IntArray, TriangleMesh, Value
 
 EMPTY_PLACES = "empty places in flat walls"
@@ -41,7 +43,7 @@ RING = 64  # places round a circle, up to twice its radius, that tell how dense 
 HAIR = 1e-6  # of the size
 
 
-_FIELDS = ("middle", "radius", "within_m", "wall_m", "normal", "area_m2")
+_FIELDS = ("middle", "radius", "within_m", "wall_m", "normal", "area_m2", "beyond")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -50,6 +52,7 @@ class Discs(Value):
 
     within_m : (k,) how far from its middle a circle lies in the wall: beyond the wall's outline lines pass that tell nothing of it.
     area_m2 : (k,) of the bare part of the wall that a circle is of, shared with the other circles in it.
+    beyond : (k,) points of one face that are due round a circle, as far as neither that face nor the inside of the wall has one.
     """
 
     middle: FloatArray
@@ -58,6 +61,7 @@ class Discs(Value):
     wall_m: FloatArray
     normal: FloatArray
     area_m2: FloatArray
+    beyond: FloatArray
 
     @property
     def volume_m3(self) -> float:
@@ -93,21 +97,21 @@ class Discs(Value):
 def empty_places(mesh: TriangleMesh, points: FloatArray, sight: Sight | None = None) -> tuple[Check, ...]:
     """How many places in walls of a flat solid (`face_region` is set) are empty on both faces by more than chance? points : (n, 3).
 
-    sight : lines that pass holes; with them a second check tells how much wall lies under the places that none passes.
+    sight : lines that pass holes. A second check tells how much wall lies under the places that are gaps of the scan.
     """
     discs = discs_of(mesh, points)
-    is_hole = np.ones(len(discs.radius), bool) if sight is None else discs.passed(sight)
+    is_hole = discs.beyond < emptiness(len(points)) if sight is None else discs.passed(sight)
     holes, rest = discs.of(is_hole), discs.of(~is_hole)
     says = (
         f"at {len(holes.radius)} places flat walls have no points on either face{around(holes.middle)}: "
         "holes, or not scanned; planes would close them"
     )
     check = at_most(EMPTY_PLACES, float(len(holes.radius)), 0.0, says)
-    if sight is None:
+    if sight is None and not len(rest.radius):
         return (check,)
     share = rest.volume_m3 / abs(volume(mesh))
     says = (
-        f"{share:.1%} of the volume lies where walls have no points on either face and no sight line passes (limit {LIMIT:.0%})"
+        f"{share:.1%} of the volume lies where walls have no points on either face and nothing shows a hole (limit {LIMIT:.0%})"
         f"{around(rest.middle)}: they may go on there or not; scan there too, or fit the member"
     )
     return check, at_most(UNSEEN_WALLS, share, LIMIT, says)
@@ -162,7 +166,8 @@ def _in_wall(
     axes, both = plane.axes(), np.flatnonzero((of == pair[0]) | (of == pair[1]))
     flat = points[both] @ axes.T
     areas = face_areas(mesh)
-    density = sum(float(np.sum(of == number)) / float(areas[own].sum()) for number, own in zip(pair, faces, strict=True))
+    of_area = [float(np.sum(of == number)) / float(areas[own].sum()) for number, own in zip(pair, faces, strict=True)]
+    density = sum(of_area)
     middle, radius = empty_circles(flat)
     large = np.flatnonzero(math.pi * density * radius**2 >= least)
     clearance = np.zeros(len(radius))
@@ -178,7 +183,16 @@ def _in_wall(
     wall = np.abs(_plane(mesh, faces[1], normals).distance(at))
     area = _bare_area(scene, region, plane, pair, middle[kept], flat, math.sqrt(BARE / (math.pi * density)), _hair(mesh))
     within, normal = np.minimum(radius, clearance)[kept], np.tile(plane.normal, (len(kept), 1))
-    return Discs(middle=at, radius=radius[kept], within_m=within, wall_m=wall, normal=normal, area_m2=area)
+    depth, beyond = -plane.distance(points), np.zeros(len(kept))
+    for i, k in enumerate(kept):
+        inside = (depth > BETWEEN * wall[i]) & (depth < (1.0 - BETWEEN) * wall[i])
+        off = np.linalg.norm(points @ axes.T - middle[k], axis=1)
+        for number, due in zip(pair, of_area, strict=True):
+            reach = float(off[inside | (of == number)].min())
+            if reach > radius[k]:
+                share = float(_across(scene, region, plane, pair, middle[k] + _sunflower(radius[k], reach), _hair(mesh)).mean())
+                beyond[i] = max(beyond[i], due * math.pi * (reach**2 - radius[k] ** 2) * share)
+    return Discs(middle=at, radius=radius[kept], within_m=within, wall_m=wall, normal=normal, area_m2=area, beyond=beyond)
 
 
 def _bare_area(

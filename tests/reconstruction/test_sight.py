@@ -8,6 +8,7 @@ from scan2fea.kernel.distances import PointToMesh, sample_surface
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.rays import first_hits, scene_of
 from scan2fea.reconstruction import reconstruct, visibility
+from scan2fea.reconstruction.empty_places import discs_of
 from scan2fea.reconstruction.flat_gaps import REACH, flat_ends, half_seen_ends, hidden_volume_flat, over_walls
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.planar import flattened
@@ -101,6 +102,19 @@ def test_places_far_from_all_points_may_be_ends_that_nobody_saw():
     deep = 0.2 - REACH * h
     least = 2 * 0.8 * deep * np.hypot(0.8, deep) / np.pi / volume(slab)
     assert 0.8 * least < flat_ends(slab, points[~end], h).value <= 1.0
+
+
+def test_a_hole_and_a_boss_at_one_place_exclude_each_other_and_the_larger_counts_once():
+    slab, h = replace(box((1.0, 0.8, 0.1)), face_region=np.arange(12) // 2), 0.02
+    _, points, _ = scanned(slab, h, seed=0)
+    left = points[np.linalg.norm(points[:, :2] - [0.5, 0.4], axis=1) > 0.2]  # gone on both faces: the wall goes on there, or not
+    walls = discs_of(slab, left)
+    hole, boss = walls.volume_m3 / volume(slab), hidden_volume_flat(slab, left, h).value
+    assert 0.5 * hole < flat_ends(slab, left, h).value < hole  # it is no end: at most what is under the place
+    assert flat_ends(slab, left, h, walls=walls).value == 0.0  # counted as a wall that nobody saw
+    assert hole + hidden_volume_flat(slab, left, h, walls=walls).value == pytest.approx(max(hole, boss))
+    one = points[(points[:, 2] < 0.05) | (np.linalg.norm(points[:, :2] - [0.5, 0.4], axis=1) > 0.2)]  # of one face: no hole
+    assert hidden_volume_flat(slab, one, h, walls=discs_of(slab, one)).value == hidden_volume_flat(slab, one, h).value > 0.0
 
 
 @pytest.mark.parametrize(("is_open", "passed"), [(True, False), (False, True)])

@@ -11,7 +11,7 @@ round such a place one face has none either, and the middle of the wall neither,
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.ndimage import label
@@ -53,6 +53,7 @@ class Discs(Value):
     within_m : (k,) how far from its middle a circle lies in the wall: beyond the wall's outline lines pass that tell nothing of it.
     area_m2 : (k,) of the bare part of the wall that a circle is of, shared with the other circles in it.
     beyond : (k,) points of one face that are due round a circle, as far as neither that face nor the inside of the wall has one.
+    bare : (b, 3) places on either face of all these parts.
     """
 
     middle: FloatArray
@@ -62,6 +63,7 @@ class Discs(Value):
     normal: FloatArray
     area_m2: FloatArray
     beyond: FloatArray
+    bare: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def volume_m3(self) -> float:
@@ -91,15 +93,19 @@ class Discs(Value):
         return out
 
     def of(self, chosen: BoolArray) -> Discs:
-        return Discs(**{name: getattr(self, name)[chosen] for name in _FIELDS})
+        return replace(self, **{name: getattr(self, name)[chosen] for name in _FIELDS})
+
+    def bare_at(self, places: FloatArray, pixel_m: float) -> BoolArray:
+        """(k,) places on a face, pixels so wide, that lie on a bare part."""
+        return np.asarray(cKDTree(self.bare).query(places)[0] <= math.sqrt(0.5) * pixel_m) if len(self.bare) else np.zeros(len(places), bool)
 
 
-def empty_places(mesh: TriangleMesh, points: FloatArray, sight: Sight | None = None) -> tuple[Check, ...]:
+def empty_places(mesh: TriangleMesh, points: FloatArray, sight: Sight | None = None, discs: Discs | None = None) -> tuple[Check, ...]:
     """How many places in walls of a flat solid (`face_region` is set) are empty on both faces by more than chance? points : (n, 3).
 
-    sight : lines that pass holes. A second check tells how much wall lies under the places that are gaps of the scan.
+    sight : lines that pass holes. A second check tells how much wall lies under the places that are gaps of the scan.   discs : of `discs_of`.
     """
-    discs = discs_of(mesh, points)
+    discs = discs_of(mesh, points) if discs is None else discs
     is_hole = discs.beyond < emptiness(len(points)) if sight is None else discs.passed(sight)
     holes, rest = discs.of(is_hole), discs.of(~is_hole)
     says = (
@@ -129,7 +135,7 @@ def discs_of(mesh: TriangleMesh, points: FloatArray) -> Discs:
             pair = (int(first), int(second))
             if min(np.sum(of == pair[0]), np.sum(of == pair[1])) >= LEAST_POINTS:
                 found.append(_in_wall(mesh, scene, region, normals, pair, points, of, least))
-    return Discs(**{name: np.concatenate([getattr(own, name) for own in found]) for name in _FIELDS})
+    return Discs(**{name: np.concatenate([getattr(own, name) for own in found]) for name in (*_FIELDS, "bare")})
 
 
 def emptiness(n_points: int) -> float:
@@ -181,7 +187,12 @@ def _in_wall(
     kept = [k for k in kept if _ring_count(scene, region, plane, pair, middle[k], radius[k], flat, _hair(mesh)) >= least]
     at = middle[kept] @ axes + plane.offset * plane.normal
     wall = np.abs(_plane(mesh, faces[1], normals).distance(at))
-    area = _bare_area(scene, region, plane, pair, middle[kept], flat, math.sqrt(BARE / (math.pi * density)), _hair(mesh))
+    parts, pixel = _bare_parts(scene, region, plane, pair, middle[kept], flat, math.sqrt(BARE / (math.pi * density)), _hair(mesh))
+    area, bare = np.zeros(len(kept)), [np.zeros((0, 3))]
+    for own, pixels in parts:
+        area[own] = pixel**2 * len(pixels) / np.sum(own)
+        top = pixels @ axes + plane.offset * plane.normal
+        bare += [top, top - float(wall[own].mean()) * plane.normal]
     within, normal = np.minimum(radius, clearance)[kept], np.tile(plane.normal, (len(kept), 1))
     depth, beyond = -plane.distance(points), np.zeros(len(kept))
     for i, k in enumerate(kept):
@@ -192,15 +203,15 @@ def _in_wall(
             if reach > radius[k]:
                 share = float(_across(scene, region, plane, pair, middle[k] + _sunflower(radius[k], reach), _hair(mesh)).mean())
                 beyond[i] = max(beyond[i], due * math.pi * (reach**2 - radius[k] ** 2) * share)
-    return Discs(middle=at, radius=radius[kept], within_m=within, wall_m=wall, normal=normal, area_m2=area, beyond=beyond)
+    return Discs(middle=at, radius=radius[kept], within_m=within, wall_m=wall, normal=normal, area_m2=area, beyond=beyond, bare=np.concatenate(bare))
 
 
-def _bare_area(
+def _bare_parts(
     scene: RayScene, region: IntArray, plane: Plane, pair: tuple[int, int], middle: FloatArray, flat: FloatArray, reach_m: float, hair: float
-) -> FloatArray:
-    """(k,) area of the bare part of a wall round each empty circle: what circles of `reach_m` without a point cover, together with its middle."""
+) -> tuple[list[tuple[BoolArray, FloatArray]], float]:
+    """Bare parts of a wall, what circles of `reach_m` without a point cover: the circles (k,) of each and its pixels (b, 2); how wide these are."""
     if not len(middle):
-        return np.zeros(0)
+        return [], 0.0
     pixel, low = reach_m / PIXELS, flat.min(axis=0) - reach_m
     shape = tuple(np.ceil((flat.max(axis=0) + reach_m - low) / pixel).astype(np.int64).tolist())
     at = low + (np.argwhere(np.ones(shape, bool)) + 0.5) * pixel
@@ -209,11 +220,11 @@ def _bare_area(
     on[rows] = _across(scene, region, plane, pair, at[rows], hair)
     part = label(on.reshape(shape))[0].ravel()
     own = part[np.flatnonzero(on)[cKDTree(at[on]).query(middle)[1]]] if on.any() else np.zeros(len(middle), np.int64)
-    out = np.zeros(len(middle))
+    out = []
     for number in np.unique(own[own > 0]):
         near = np.flatnonzero(np.asarray(cKDTree(at[part == number]).query(at, distance_upper_bound=reach_m)[0]) < np.inf)
-        out[own == number] = pixel**2 * np.sum(_across(scene, region, plane, pair, at[near], hair)) / np.sum(own == number)
-    return out
+        out.append((own == number, at[near[_across(scene, region, plane, pair, at[near], hair)]]))
+    return out, pixel
 
 
 def _plane(mesh: TriangleMesh, own: BoolArray, normals: FloatArray) -> Plane:

@@ -13,9 +13,10 @@ from scipy.spatial import cKDTree
 from scan2fea.kernel.distances import PointToMesh
 from scan2fea.kernel.measures import face_normals, volume
 from scan2fea.kernel.primitives import Plane
-from scan2fea.kernel.rays import first_hits, scene_of
+from scan2fea.kernel.rays import RayScene, first_hits, scene_of
 from scan2fea.kernel.surfaces import Surface
 from scan2fea.reconstruction.budget import WALL_ENDS
+from scan2fea.reconstruction.empty_places import Discs
 from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.hidden_volume import REACH, hidden_check
 from scan2fea.reconstruction.pictures import Flat, Picture, patches, pictures, regions
@@ -32,29 +33,39 @@ NONE_ROLLED: Mapping[int, Surface] = MappingProxyType({})
 BESIDE = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
-def hidden_volume_flat(mesh: TriangleMesh, points: FloatArray, spacing_m: float, rolled: Mapping[int, Surface] = NONE_ROLLED) -> Check:
+def hidden_volume_flat(
+    mesh: TriangleMesh, points: FloatArray, spacing_m: float, rolled: Mapping[int, Surface] = NONE_ROLLED, walls: Discs | None = None
+) -> Check:
     """As `hidden_volume`, of a solid of flat faces (`face_region` is set), each triangle of which is larger than the gaps in it.
 
     A gap is what lies farther than REACH spacings from the points of its face.
     points : (n, 3) measured, or inferred from a support that was seen.
+    walls : that may be holes, counted as such already (`empty_places`): what hides over them can only be more than the solid has, so of the two the
+    larger counts.
     """
-    tree, hidden, where = cKDTree(points), 0.0, [np.zeros((0, 3))]
+    tree, hidden, over, where = cKDTree(points), 0.0, 0.0, [np.zeros((0, 3))]
     for picture in pictures(mesh, points, spacing_m, REACH * spacing_m, rolled).values():
         far = picture.far(REACH * spacing_m)
         for at in patches(far):
             size, sides = len(at) * picture.pixel**2, picture.pixel * _sides(picture, far, at, tree, REACH * spacing_m)
-            hidden += size**2 / max(sides, math.sqrt(size))
+            hidden += (own := size**2 / max(sides, math.sqrt(size)))
             where.append(picture.places(at))
+            over += 0.0 if walls is None else own * float(walls.bare_at(where[-1], picture.pixel).mean())
+    hidden -= 0.0 if walls is None else min(over, walls.volume_m3)
     return hidden_check(hidden / abs(volume(mesh)), np.concatenate(where))
 
 
-def flat_ends(mesh: TriangleMesh, points: FloatArray, spacing_m: float, rolled: Mapping[int, Surface] = NONE_ROLLED) -> Check:
+def flat_ends(
+    mesh: TriangleMesh, points: FloatArray, spacing_m: float, rolled: Mapping[int, Surface] = NONE_ROLLED, walls: Discs | None = None
+) -> Check:
     """How much may hide beyond places of flat faces (`face_region` is set) that lie far from all points, of whatever face?
 
     Where a wall ends, the points of its end or of either of its faces go up to the edge. A place that has none, of area A and L across, hides
-    A L / pi, as a face without points does (`bare_faces`).
+    A L / pi, as a face without points does (`bare_faces`). Where the face was seen all round it no wall ends there: at most what is under it is
+    missing, and of a place whose other side was not seen either each side counts half. What may lie on it is asked of `hidden_volume_flat`.
+    walls : that may be holes, counted as such already (`empty_places`).
     """
-    tree, hidden, where = cKDTree(points), 0.0, [np.zeros((0, 3))]
+    tree, scene, hidden, where = cKDTree(points), scene_of(mesh), 0.0, [np.zeros((0, 3))]
     for picture in pictures(mesh, points, spacing_m, REACH * spacing_m, rolled).values():
         far = picture.far(REACH * spacing_m)
         at = np.argwhere(far)
@@ -62,14 +73,33 @@ def flat_ends(mesh: TriangleMesh, points: FloatArray, spacing_m: float, rolled: 
         far[tuple(at[near].T)] = False
         for own in patches(far):
             across = picture.pixel * float(np.linalg.norm(np.ptp(own, axis=0) + 1))
-            hidden += len(own) * picture.pixel**2 * across / math.pi
-            where.append(picture.places(own))
+            deep, places = np.full(len(own), across / math.pi), picture.places(own)
+            if all(_inside(picture, own + step).all() for step in BESIDE):
+                deep = np.minimum(deep, _under(scene, places, -picture.normals(own), tree, spacing_m))
+                if walls is not None:
+                    deep[walls.bare_at(places, picture.pixel)] = 0.0
+            hidden += float(deep.sum()) * picture.pixel**2
+            where.append(places)
     share = min(1.0, hidden / abs(volume(mesh)))
     says = (
         f"{share:.1%} of the volume may hide beyond ends of walls where no point was measured (limit {ENDS:.0%}){around(np.concatenate(where))}: "
         "the scan may end there, not the wall; scan the edges too, or fit the member"
     )
     return at_most(WALL_ENDS, share, ENDS, says)
+
+
+def _under(scene: RayScene, places: FloatArray, way: FloatArray, tree: cKDTree, spacing_m: float) -> FloatArray:
+    """(k,) how far it is to the other side of the solid under places (k, 3), half of it where no point is near there either; inf: no other side, m.
+
+    way : (k, 3) inward.   tree : of all points.
+    """
+    skin = SKIN * spacing_m
+    deep, hit = first_hits(scene, places + skin * way, way)
+    deep = np.where(hit >= 0, skin + deep, math.inf)
+    met = np.flatnonzero(hit >= 0)
+    unseen = np.asarray(tree.query(places[met] + deep[met, None] * way[met])[0]) > REACH * spacing_m
+    deep[met[unseen]] *= 0.5
+    return deep
 
 
 def half_seen_ends(
@@ -111,17 +141,23 @@ def _sides(picture: Picture, far: BoolArray, at: IntArray, tree: cKDTree, reach_
 
     Where it meets the outline of the face it ends if points of other faces are near (tree : of all points); else it goes on round the edge.
     """
-    sides, shape, places = np.zeros(len(at), np.int64), far.shape, picture.places(at)
+    sides, places = np.zeros(len(at), np.int64), picture.places(at)
     for step in BESIDE:
         i, j = (at + step).T
-        on = (i >= 0) & (j >= 0) & (i < shape[0]) & (j < shape[1])
-        on[on] = picture.inside[i[on], j[on]]
+        on = _inside(picture, at + step)
         ends = ~on
         ends[on] = ~far[i[on], j[on]]
         outer = np.flatnonzero(~on)
         ends[outer] = np.asarray(tree.query(places[outer])[0]) <= reach_m
         sides += ends
     return float(sides.sum())
+
+
+def _inside(picture: Picture, at: IntArray) -> BoolArray:
+    """(k,) are pixels (k, 2) of the face?"""
+    on: BoolArray = np.asarray(((at >= 0) & (at < picture.inside.shape)).all(axis=1))
+    on[on] = picture.inside[tuple(at[on].T)]
+    return on
 
 
 def over_walls(mesh: TriangleMesh, points: FloatArray, spacing_m: float, rolled: Mapping[int, Surface] = NONE_ROLLED) -> FloatArray:

@@ -15,7 +15,7 @@ from scan2fea.kernel.primitives import Plane
 from scan2fea.reconstruction.bare_ends import BARE_ENDS
 from scan2fea.reconstruction.bare_faces import bare_faces
 from scan2fea.reconstruction.budget import EDGES_CUT, EDGES_GROWN, HIDDEN_VOLUME, PLACE, VOLUME_IN_DOUBT, WALL_ENDS
-from scan2fea.reconstruction.empty_places import empty_places
+from scan2fea.reconstruction.empty_places import discs_of, empty_places
 from scan2fea.reconstruction.evidence import BY_FLOOD, BY_NORMALS, at_most, mm
 from scan2fea.reconstruction.flat_gaps import flat_ends, half_seen_ends, hidden_volume_flat
 from scan2fea.reconstruction.gates import failed, in_all
@@ -86,6 +86,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
         off_first = PointToMesh(first.mesh).nearest(measured).distance
         own = off <= far
         apart = max(0.0, apart - told_by_left_out(measured[own], mesh, first.mesh, off_first[own], far) / body)
+    walls = discs_of(mesh, cloud.points)
     flats = replace(mesh, faces=mesh.faces[number < 0], face_region=region[number < 0])
     checks = [
         at_most(
@@ -114,15 +115,15 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
         left_out(measured, off, first.mesh, far, h),
         afloat(mesh, measured, off, h, sigma),
         *(() if first.source == "sensors" else (under_faces(mesh, measured, held, nearest.closest, h),)),
-        hidden_volume_flat(whole, backed, h, unrolled),
+        hidden_volume_flat(whole, backed, h, unrolled, walls),
         *((
-            flat_ends(whole, backed, h, unrolled),
+            flat_ends(whole, backed, h, unrolled, walls),
             half_seen_ends(whole, backed, Sight.of(scan, first, lines=len(cloud)), h, unrolled),
             blocked_lines(scan, mesh, h, sigma),
         ) if by_lines else ()),
         *(() if first.source == "sensors" else (lost_holes(first.mesh, mesh, measured, wall, h, sigma),)),  # sight lines tell holes themselves
         bare_faces(whole, cloud.points, scan.sensors(), h, sigma),
-        *empty_places(mesh, cloud.points, Sight.of(scan, first, lines=len(cloud)) if first.source == "sensors" else None),
+        *empty_places(mesh, cloud.points, Sight.of(scan, first, lines=len(cloud)) if first.source == "sensors" else None, walls),
     ]  # fmt: skip
     bare = unmeasured_share(mesh, backed, 3.0 * h + 3.0 * sigma)
     checks.append(

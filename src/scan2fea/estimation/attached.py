@@ -3,6 +3,9 @@
 Clutter is thin, and where it gathers it fills space; a surface that was scanned with the member is about as dense as the member's faces, and about
 each of its points most others lie on one sheet, or half of them on each of two. A fillet and a dent are such surfaces too, but nearer to the member
 than what counts here for most of their extent.
+
+Points inside the solid lie where nothing can be seen: noise and clutter put no more of them there than as near to it outside. They are slots and
+hollows, of which too few points may have been seen for a surface.
 """
 
 from __future__ import annotations
@@ -13,12 +16,14 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+from scipy.special import bdtrc
 
 from scan2fea.types import FloatArray, IntArray
 
 CORNER = 0.07  # of the section's size: no fillet or rounded corner of the shipped table departs farther from sharp edges (HSS2X2X1/4: 0.068)
 _FAR = 0.25  # of a surface's points lie farther off than that
 _DENSITY = 0.25  # of the member's faces, where below it a face counts as not seen (`face_weights`)
+CHANCE = 1e-3  # that clutter crowds so, or so many of it lie inside
 _LEAST, _MOST = 12, 60  # points of one sheet about a point: fewer make sheets by chance, more are thinned out
 _PLACES = 3  # of so many points that a group has at least
 _STRAY_SIGMAS = 4.0
@@ -50,6 +55,18 @@ def attached(local: FloatArray, off_m: FloatArray, sigma_m: float, size_m: float
         if is_far and len(rows) > _PLACES * k and _is_sheet(local[rows], radius, half, k):
             found += each * len(rows)
     return found
+
+
+def sunk(distance: FloatArray, reach: float) -> int:
+    """Strays inside the solid beyond those outside that lie as near to it; 0 where chance deals them so (either side is as likely).
+
+    distance : (n,) signed, to the surface, m: negative inside.   reach : of noise, m.
+    Outside there is more room as near to it: clutter that is even leaves no excess.
+    """
+    inside = int((distance < -reach).sum())
+    outside = int(((distance > reach) & (distance <= -float(distance.min(initial=0.0)))).sum())
+    by_chance = float(bdtrc(inside - 1, inside + outside, 0.5)) if inside else 1.0  # that as many of them, or more, lie inside
+    return inside - outside if by_chance < CHANCE else 0
 
 
 def _dense(points: FloatArray, k: int, radius: float) -> list[IntArray]:

@@ -38,6 +38,20 @@ def inside_of(points: FloatArray, member: Member) -> str:
     return ends_show(points, member)
 
 
+def full_ends(member: Member) -> str:
+    """Why a tube of which no inner face was seen is none: its ends were seen, and are full. Empty otherwise.
+
+    member : with what is known of its inside.   A tube with lids looks so as well, but nobody has seen that it is one, and its wall would be a guess.
+    """
+    walls = [p for p in member.parameters if p.name == "t"]
+    if member.family not in ("RHS", "CHS") or member.inside != SOLID or any(p.observable for p in walls):
+        return ""
+    return (
+        f"the end faces of the {member.family} member are full, and nothing of its inside was seen: a solid bar of another outline, or a tube "
+        "with lids"
+    )
+
+
 def _opens(points: FloatArray, member: Member) -> bool:
     """Whether the inner face of a tube was seen up to both its ends, or the rings of these: what is short and closed below is a pot."""
     values = member.values()

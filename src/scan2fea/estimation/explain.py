@@ -6,7 +6,8 @@ Six figures, each with what it is measured against:
               cell, a wrong shape does not. What the model itself would show in the same cell (walls as thin as the noise pull the nearest face
               about) is taken from points drawn from it.
     strays    Points off the surface by more than noise. Clutter is thin and anywhere; a second body, a stiffener or a dome is a crowd, and few of
-              them are enough where they lie on a surface of their own (`attached.py`).
+              them are enough where they lie on a surface of their own (`attached.py`). Nobody sees into material: noise and clutter put no more
+              of them inside the solid than as near to it outside.
     voids     Empty places enclosed in a face that was seen all around, and on which nothing else lies: holes (`holes.py`); narrow ones that both
               faces of a wall and its inside tell together (`bored.py`).
     cuts      Places where a wall was cut through, to the rim or not: its cut was seen (`cuts.py`).
@@ -26,7 +27,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.special import chdtr, chdtrc
 
-from scan2fea.estimation.attached import attached
+from scan2fea.estimation.attached import CHANCE, attached, sunk
 from scan2fea.estimation.bored import bored
 from scan2fea.estimation.cuts import Cut, cuts
 from scan2fea.estimation.end_faces import n_not_flat
@@ -73,8 +74,9 @@ class ByRays(Value):
 class Explanation(Value):
     """explains, reason : the verdict.   off_share : of the points in cells that are off.   pattern_m : rms of what is not noise, over the cells.
     p_value : of the cells' chi-square (strict: dense scans always fail it).   rms_m : of the distance to the surface, strays left out.
-    stray_share, crowd_share, attached_share : of the points.   voids : number of holes.   noise_excess : fitted noise beyond the scatter of
-    neighbours (root of the difference of squares) over mill tolerance, nan where neighbours do not tell.   pattern_share : pattern over noise.
+    stray_share, crowd_share, attached_share, sunk_share : of the points; the last of those inside the solid, beyond those as near to it outside.
+    voids : number of holes.   noise_excess : fitted noise beyond the scatter of neighbours (root of the difference of squares) over mill tolerance,
+    nan where neighbours do not tell.   pattern_share : pattern over noise.
     slenderness : length over the greater width of the section.   seen : face -> share of it that points support.
     cells : number of cells that were tested.   cuts : places where no side of a wall was seen, or where it was cut.
     local_sigma_m : scatter about neighbours, nan where these do not tell.
@@ -89,6 +91,7 @@ class Explanation(Value):
     stray_share: float
     crowd_share: float
     attached_share: float
+    sunk_share: float
     voids: int
     noise_excess: float
     pattern_share: float
@@ -155,6 +158,7 @@ def explanation(
         "stray_share": float(stray.mean()),
         "crowd_share": float(crowd.mean()),
         "attached_share": apart / len(some),
+        "sunk_share": sunk(surface.distance, reach) / len(some),
         "noise_excess": excess,
         "pattern_share": cells.pattern_m / sigma_m,
         "slenderness": values["length"] / width,
@@ -190,6 +194,11 @@ def _reason(f: Mapping[str, float], voids: int, not_flat: int, member: Member, a
         return (
             f"{100 * f['attached_share']:.1f} % of the points (limit {100 * MAX_ATTACHED:g} %) lie off {what} on surfaces of their own, as close as "
             "on its faces: a plate in or on it, or a second body; segment it, or leave it to reconstruction"
+        )
+    if f["sunk_share"] > MAX_ATTACHED:
+        return (
+            f"{100 * f['sunk_share']:.1f} % of the points (limit {100 * MAX_ATTACHED:g} %) lie inside {what}, where nothing can be seen, and not as "
+            "many as near to it outside: it has slots or hollows, or is another shape; leave it to reconstruction"
         )
     if f["stray_share"] > MAX_CLUTTER:
         return f"{100 * f['stray_share']:.0f} % of the points lie off {what} (limit {100 * MAX_CLUTTER:.0f} %)"
@@ -419,5 +428,5 @@ def _crowd(local: FloatArray, stray: BoolArray, box: float) -> BoolArray:
     tree = cKDTree(local[rows])
     distance = np.asarray(tree.query(local[rows], k=min(k + 1, len(rows)))[0])[:, -1]
     expected = len(rows) * (4 / 3 * math.pi * distance**3) / box
-    crowd[rows] = chdtr(2 * k, 2 * expected) < 1e-3
+    crowd[rows] = chdtr(2 * k, 2 * expected) < CHANCE
     return crowd

@@ -31,7 +31,7 @@ from scan2fea.estimation.as_member import (
 from scan2fea.estimation.axis import Axis, axes_of
 from scan2fea.estimation.bare_toes import bare_toes, bare_walls
 from scan2fea.estimation.beside import beside
-from scan2fea.estimation.caps import HOLLOW, SOLID, ends_show, inside_of
+from scan2fea.estimation.caps import HOLLOW, SOLID, ends_show, full_ends, inside_of
 from scan2fea.estimation.changing import changing, is_better
 from scan2fea.estimation.continued import continued
 from scan2fea.estimation.cut_toes import cut_toes
@@ -187,7 +187,7 @@ def _sharp(scan: Scan, options: MemberOptions, fixed: Mapping[str, float] | None
         has_rays = scan.rays is not None and bool((scan.cloud.ray >= 0).any())
         more = seen_through(scan, member, options.seed) if has_rays else open_face(points, member, covers)
     if found.explains and not more and not fixed:
-        more = lacking(points, member, options.seed)
+        more = full_ends(member) or lacking(points, member, options.seed)
     return dataclasses.replace(found, member=member, explains=found.explains and not more, reason=more or found.reason)
 
 

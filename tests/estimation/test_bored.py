@@ -83,3 +83,12 @@ def test_what_lies_across_a_wall():
     assert far[0] == pytest.approx(0.01)
     _, far = first_across(corners[:1] + [[0.05, 0.0]], into[:1], shape, np.array([0]))
     assert far[0] == pytest.approx(0.2)  # up the web
+
+
+@pytest.mark.parametrize("family", ["CHS", "rect"])
+def test_a_strip_along_a_member_that_nobody_saw_is_no_hole(family):
+    member = made(family, LENGTH)
+    points = scanned(member, 14_000, 0.0, 3)
+    off = np.abs(np.arctan2(points[:, 1], points[:, 0]) if family == "CHS" else points[:, 0] / 0.03)
+    points = points[off > 0.7] + SIGMA * np.random.default_rng(3).standard_normal((int((off > 0.7).sum()), 3))
+    assert bored(member, points, SIGMA) == ()

@@ -34,7 +34,8 @@ _CHANCE = 1e-6  # that a wall without a hole shows one
 _BESIDE = 3.0  # radii of the place within which the wall around it is asked
 _NEAR_SIGMAS = 4.0  # of noise: points of a face
 _DEEP_SIGMAS, _DEEP_WALL = 3.0, 0.25  # of noise, and of the wall: points inside it lie deeper under both faces
-_SECTORS, _RING = 8, 2.0  # a point in each sector between the circle and one so much wider
+_SECTORS, _RING = 8, 2.0  # a point in each sector, however it is turned, between the circle and one so much wider
+_LOOKS = 64  # directions in which such a circle may leave the wall
 _FLAT = 1e-3  # of the cosine between the faces of a wall
 _LEAST = 16  # points of a wall
 _ASKED = 4  # places at which the two faces of a wall lie across from each other
@@ -138,7 +139,8 @@ def _of_wall(wall: _Wall, z: FloatArray, length: float, sigma_m: float, faces_te
     holes, free = list[Hole](), np.ones(len(rows), bool)
     for k in np.lexsort((-radius[rows], -found)):
         row = rows[k]
-        if free[k] and _around(face - middle[row], _RING * float(radius[row])):
+        wide = _RING * float(radius[row])
+        if free[k] and _around(np.concatenate([face, _off_wall(middle[row], wide, wall, over, length)]) - middle[row], wide):
             free &= np.linalg.norm(middle[rows] - middle[row], axis=1) > 2 * radius[row]
             holes.append(Hole(face=wall.name, places=_disc(middle[row], float(radius[row])), cell_m=float(radius[row]) / 2))
     return holes
@@ -168,11 +170,19 @@ def _unrolled(at: FloatArray, wall: _Wall, over: float) -> FloatArray:
     return np.concatenate([at, at[at[:, 0] < over] + [wall.turn, 0.0]]) if wall.turn else at
 
 
+def _off_wall(middle: FloatArray, reach: float, wall: _Wall, over: float, length: float) -> FloatArray:
+    """(k, 2) places at a distance from a middle that lie beyond the wall: nothing is missing there."""
+    turn = np.arange(_LOOKS) * 2 * math.pi / _LOOKS
+    at = middle + reach * (1 - 1e-9) * np.stack([np.cos(turn), np.sin(turn)], 1)
+    aside = (at[:, 0] < wall.low) | (at[:, 0] > wall.high + over)
+    return at[((wall.turn == 0.0) & aside) | (at[:, 1] < 0.0) | (at[:, 1] > length)]
+
+
 def _around(off: FloatArray, reach: float) -> bool:
-    """Whether points (n, 2), from the middle of a circle, lie within reach in each sector around it."""
+    """Whether points (n, 2), from the middle of a circle, lie within reach on all sides: a strip that nobody saw lacks them both ways along it."""
     off = off[np.einsum("ij,ij->i", off, off) <= reach**2]
-    turn = (np.arctan2(off[:, 1], off[:, 0]) + math.pi) / (2 * math.pi)
-    return len(np.unique(np.minimum((turn * _SECTORS).astype(np.int64), _SECTORS - 1))) == _SECTORS
+    turn = np.sort(np.arctan2(off[:, 1], off[:, 0]))
+    return len(turn) > 0 and bool(np.diff(turn, append=turn[0] + 2 * math.pi).max() <= 2 * math.pi / _SECTORS)
 
 
 def _disc(middle: FloatArray, radius: float) -> FloatArray:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.made import made
-from scan2fea.estimation.attached import attached
+from scan2fea.estimation.attached import attached, sunk
 from scan2fea.estimation.explain import MAX_ATTACHED, explanation
 from scan2fea.kernel.transforms import rotation_about
 from scan2fea.simulation.member import MemberScanOptions, member_points
@@ -61,6 +61,16 @@ def test_points_inside_a_bar_are_of_its_slots(share) -> None:
     assert told.explains or "where nothing can be seen" in told.reason
     either_side = np.concatenate([within[: n // 2], within[: n // 2] + [0.85 * d, 0.0, 0.0]])
     assert explanation(np.concatenate([points, either_side]), member, member.sigma_m).sunk_share < MAX_ATTACHED / 2
+
+
+def test_clutter_that_ends_close_to_a_bar_is_of_no_slots() -> None:
+    """15 % of the points spread evenly over a box an eighth wider than the bar: more of it inside than beside."""
+    member = made("rect", values={"b": 0.1, "t": 0.03})
+    points = member_points("rect", member.values(), N, MemberScanOptions(noise_m=5e-4, caps=True, seed=4))
+    low, high = points.min(axis=0), points.max(axis=0)
+    strays = np.random.default_rng(7).uniform(low - (high - low) / 8, high + (high - low) / 8, (round(0.15 * N / 0.85), 3))
+    assert explanation(np.concatenate([points, strays]), member, member.sigma_m).sunk_share < MAX_ATTACHED
+    assert sunk(np.full(40, -0.01), 1e-3, np.repeat([-0.01, 0.005], [90, 10])) == 40  # no room beside it: nothing is known of clutter
 
 
 @pytest.mark.parametrize("family", ["L", "I", "C", "T", "RHS", "CHS", "rect", "round"])

@@ -57,16 +57,25 @@ def attached(local: FloatArray, off_m: FloatArray, sigma_m: float, size_m: float
     return found
 
 
-def sunk(distance: FloatArray, reach: float) -> int:
+def sunk(distance: FloatArray, reach: float, room: FloatArray | None = None) -> int:
     """Strays inside the solid beyond those outside that lie as near to it; 0 where chance deals them so (either side is as likely).
 
-    distance : (n,) signed, to the surface, m: negative inside.   reach : of noise, m.
-    Outside there is more room as near to it: clutter that is even leaves no excess.
+    distance : (n,) signed, to the surface, m: negative inside.   reach : of noise, m.   room : (k,) the same of places spread evenly over the scan.
+    Outside there is more room as near to it, but where the clutter ends close to a solid bar: inside there is up to twice as much. With less room
+    outside nothing is known of clutter, and what lies inside is none.
     """
-    inside = int((distance < -reach).sum())
-    outside = int(((distance > reach) & (distance <= -float(distance.min(initial=0.0)))).sum())
-    by_chance = float(bdtrc(inside - 1, inside + outside, 0.5)) if inside else 1.0  # that as many of them, or more, lie inside
-    return inside - outside if by_chance < CHANCE else 0
+    inside, outside = _sides(distance, reach)
+    share = 0.5
+    if room is not None:
+        within, beside = _sides(room, reach)
+        share = max(share, within / (within + beside)) if 2 * beside >= within > 0 else share
+    by_chance = float(bdtrc(inside - 1, inside + outside, share)) if inside else 1.0  # that as many of them, or more, lie inside
+    return round(inside - outside * share / (1.0 - share)) if by_chance < CHANCE else 0
+
+
+def _sides(distance: FloatArray, reach: float) -> tuple[int, int]:
+    """How many lie inside, and outside no farther off than the deepest of those."""
+    return int((distance < -reach).sum()), int(((distance > reach) & (distance <= -float(distance.min(initial=0.0)))).sum())
 
 
 def _dense(points: FloatArray, k: int, radius: float) -> list[IntArray]:

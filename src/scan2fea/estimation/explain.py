@@ -143,6 +143,10 @@ def explanation(
     wide = face_lengths(member.family, np.array([values[name] for name in PARAMETERS[member.family]]))
     area = values["length"] * float(wide @ np.array([seen[name] for name in faces(member.family)]))
     apart = attached(local[stray], np.abs(surface.distance[stray]), sigma_m, size, float(side.sum()) / max(area, 1e-300), box)
+    sunken = sunk(surface.distance, reach)
+    if sunken > MAX_ATTACHED * len(some):
+        even = np.random.default_rng(seed).uniform(local.min(axis=0), local.max(axis=0), (_POINTS, 3))
+        sunken = sunk(surface.distance, reach, _Surface.of(shape, member, even).distance)
     near = some[~stray]
     asked = local_sigma_m is None and len(near) >= _NEIGHBOURS
     local_sigma = noise_sigma(near, seed=seed) if asked else math.nan if local_sigma_m is None else local_sigma_m
@@ -158,7 +162,7 @@ def explanation(
         "stray_share": float(stray.mean()),
         "crowd_share": float(crowd.mean()),
         "attached_share": apart / len(some),
-        "sunk_share": sunk(surface.distance, reach) / len(some),
+        "sunk_share": sunken / len(some),
         "noise_excess": excess,
         "pattern_share": cells.pattern_m / sigma_m,
         "slenderness": values["length"] / width,

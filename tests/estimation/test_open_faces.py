@@ -46,6 +46,14 @@ def test_a_lipped_channel_is_no_tube(lip):
     assert open_face(points[~hidden], TUBE)  # lips of which the outer side alone was seen
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_slit_of_a_spacing_shows_where_points_lie_in_no_lines(seed):
+    """A square tube with a slit of 14 mm, points 14.5 mm apart, had been told as closed."""
+    points = points_of(TUBE, 4_000, seed)  # 20 mm apart
+    assert open_face(points, TUBE) == ""
+    assert "is bare" in open_face(points[~between_lips(points, 0.088)], TUBE)  # 24 mm
+
+
 def test_a_wall_seen_from_one_side_or_not_at_all_is_none():
     points = points_of(TUBE)
     outer = between_lips(points) & (points[:, 0] > 0.0385)

@@ -5,6 +5,8 @@ From outside both are alike. The inner face tells, where it was seen; else the e
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from scan2fea.estimation.outline import outline_distance, section_distance
@@ -38,17 +40,21 @@ def inside_of(points: FloatArray, member: Member) -> str:
     return ends_show(points, member)
 
 
-def full_ends(member: Member) -> str:
-    """Why a tube of which no inner face was seen is none: its ends were seen, and are full. Empty otherwise.
+def full_ends(points: FloatArray, member: Member) -> str:
+    """Why a tube is none: the end of one whose wall nobody saw is full, or both ends of any. Empty otherwise. points : (n, 3) metres, of the member.
 
-    member : with what is known of its inside.   A tube with lids looks so as well, but nobody has seen that it is one, and its wall would be a guess.
+    A tube with lids looks so from outside, but nobody has seen that it is one. A pocket in a bar shows a piece of an inner face.
     """
-    walls = [p for p in member.parameters if p.name == "t"]
-    if member.family not in ("RHS", "CHS") or member.inside != SOLID or any(p.observable for p in walls):
+    if member.family not in ("RHS", "CHS"):
+        return ""
+    ends = _ends(points, member)
+    is_seen = any(p.name == "t" and p.observable for p in member.parameters)
+    both = min(ends.full) > _CAP * ends.expected and sum(ends.full) > _LEAST
+    if not (both if is_seen else max(ends.full) > ends.limit):
         return ""
     return (
-        f"the end faces of the {member.family} member are full, and nothing of its inside was seen: a solid bar of another outline, or a tube "
-        "with lids"
+        f"the end faces of the {member.family} member are full, and {'little' if is_seen else 'nothing'} of its inside was seen: a solid bar of "
+        "another outline, or a tube with lids"
     )
 
 
@@ -74,6 +80,29 @@ def _opens(points: FloatArray, member: Member) -> bool:
 
 def ends_show(points: FloatArray, member: Member) -> str:
     """What the points at the two end planes show: a full cap, a ring about an empty middle, or neither."""
+    ends = _ends(points, member)
+    if max(ends.full) > ends.limit:
+        return SOLID
+    best = int(np.argmax(ends.ring))
+    is_ring = ends.ring[best] > _LEAST and _CAP * ends.expected > _LEAST and ends.full[best] < _EMPTY * ends.expected
+    return HOLLOW if is_ring else UNKNOWN
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Ends:
+    """Points of each end plane in the core of the section, and off its outline, without clutter; those of a full cap's core as dense as the sides."""
+
+    full: tuple[int, ...]
+    ring: tuple[int, ...]
+    expected: float
+
+    @property
+    def limit(self) -> float:
+        """Points of a core of which more are a full cap."""
+        return max(_LEAST, _CAP * self.expected)
+
+
+def _ends(points: FloatArray, member: Member) -> _Ends:
     outline, length = drawn(member.family, member.values()).loops[0], member.values()["length"]  # the wall, where only guessed, may not go with it
     narrow = float(np.ptp(outline, axis=0).min())
     skin = _DEEP * member.sigma_m
@@ -91,7 +120,4 @@ def ends_show(points: FloatArray, member: Member) -> str:
     perimeter = float(np.linalg.norm(np.roll(outline, -1, axis=0) - outline, axis=1).sum())
     left = np.maximum(1 - 2 * core / np.ptp(outline, axis=0), 0.0)
     expected = float((np.abs(depth) < skin).sum()) / (perimeter * length) * section_area(shape) * float(np.prod(left))
-    if max(full) > max(_LEAST, _CAP * expected):
-        return SOLID
-    best = int(np.argmax(ring))
-    return HOLLOW if ring[best] > _LEAST and _CAP * expected > _LEAST and full[best] < _EMPTY * expected else UNKNOWN
+    return _Ends(full=tuple(full), ring=tuple(ring), expected=expected)

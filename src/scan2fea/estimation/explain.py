@@ -32,6 +32,7 @@ from scan2fea.estimation.bored import bored
 from scan2fea.estimation.cuts import Cut, cuts
 from scan2fea.estimation.end_faces import n_not_flat
 from scan2fea.estimation.holes import Covers, occupied, uncovered
+from scan2fea.estimation.one_skin import is_one_skin
 from scan2fea.estimation.outline import edge_lengths, outline_distance
 from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.noise import noise_sigma, sampled_rows
@@ -171,8 +172,11 @@ def explanation(
     bare_walls = cuts(member, surface.side[flank], surface.edge[flank], surface.along[flank], surface.z[flank], sigma_m)
     not_flat = n_not_flat(surface.side, surface.beyond, sigma_m, reach, values["length"])
     reason = _reason(figures, voids, not_flat, member, along_rays) or _cut(bare_walls, member)
-    if not reason and by_rays is None:
-        reason = _stepped(shape, surface, side, member)
+    if not reason and len(shape.loops) > 1 and is_one_skin(local[side], surface.edge[side] >= len(shape.loops[0]), values["length"]):
+        reason = (
+            f"the {member.family} member would show its inner face where its outer face has no points, and that elsewhere: one skin, of two "
+            "sections or an oval; leave it to reconstruction"
+        )
     if not reason:  # all else explains the points: the narrow holes are asked for, of more of them
         many = points[sampled_rows(len(points), _MANY_POINTS, seed)]
         narrow = bored(member, sweep_of_member(member).coordinates(many), sigma_m, faces_tell=by_rays is None or by_rays.voids is None)
@@ -238,27 +242,6 @@ def _cut(places: Sequence[Cut], member: Member) -> str:
     return (
         f"a wall of the {member.family} member was cut through: {first.deep} points lie inside it ({first.by_chance:.2g} by chance) beside a place "
         f"between {first.from_m:.3f} and {first.to_m:.3f} m along it where neither {first.face} nor the side behind it was seen"
-    )
-
-
-def _stepped(shape: Section, surface: _Surface, side: BoolArray, member: Member) -> str:
-    """Whether the inner face of a tube was seen only where its outer face has no points: a solid bar turned down along part of it. Empty where not.
-
-    Counted by slices of the length. A duct that was seen from within shows its inner face all along; as many slices as there are steps may show both.
-    """
-    length = member.values()["length"]
-    n_z = int(np.clip(side.sum() / (4 * _CELL_POINTS), 1, 24))
-    slot = np.clip((surface.z[side] / length * n_z).astype(np.int64), 0, n_z - 1)
-    inner = surface.edge[side] >= len(shape.loops[0])
-    within, without = (np.bincount(slot[rows], minlength=n_z) for rows in (inner, ~inner))
-    bare = (within >= _CELL_POINTS) & (without < _CELL_POINTS)
-    clad = (without >= _CELL_POINTS) & (within < 0.5 * np.median(within[bare])) if bare.any() else bare
-    steps = int(np.count_nonzero(np.diff(bare[bare | clad].astype(np.int64))))
-    if not steps or np.count_nonzero((within >= _CELL_POINTS) & ~bare & ~clad) > steps:
-        return ""
-    return (
-        f"the {member.family} member would show its inner face where its outer face has no points: a solid bar of two sections, one after "
-        "another; leave it to reconstruction"
     )
 
 

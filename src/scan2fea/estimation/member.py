@@ -187,7 +187,7 @@ def _sharp(scan: Scan, options: MemberOptions, fixed: Mapping[str, float] | None
         has_rays = scan.rays is not None and bool((scan.cloud.ray >= 0).any())
         more = seen_through(scan, member, options.seed) if has_rays else open_face(points, member, covers)
     if found.explains and not more and not fixed:
-        more = full_ends(member) or lacking(points, member, options.seed)
+        more = full_ends(points, member) or lacking(points, member, options.seed)
     return dataclasses.replace(found, member=member, explains=found.explains and not more, reason=more or found.reason)
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.special import chdtrc
 
 from scan2fea.estimation.anneal import walls
 from scan2fea.estimation.attached import CORNER
@@ -28,6 +29,7 @@ _A_BIN, _FEWEST, _MOST = 12.0, 4, 64  # points of the face on average, and bins
 _BARE = 0.1  # of the points of the fullest bin
 _WIDER = 3.0  # times any other bare run: gaps between the lines of a scanner are alike
 _LINES = 2.0  # distances between points: of four rasters together, of which lines run along the member, none leaves a wider strip
+_CHANCE = 1e-3
 _PLACES = 8  # along the member, at which it is asked whether a body lies there
 
 
@@ -56,7 +58,10 @@ def open_face(points: FloatArray, member: Member, covers: Covers = ()) -> str:
         bare = count + (0 if closed else np.histogram(behind, limits)[0]) < _BARE * count.max()
         first, last = _widest(bare)
         apart_m = math.sqrt(float((~bare).sum()) * (limits[1] - limits[0]) * values["length"] / float(count[~bare].sum()))
-        if (last - first) * float(count[~bare].mean()) <= VOID_POINTS or limits[last] - limits[first] <= _LINES * apart_m:
+        if (last - first) * float(count[~bare].mean()) <= VOID_POINTS:
+            continue
+        of_wall = own if closed else np.r_[own, behind]
+        if limits[last] - limits[first] <= _LINES * apart_m and _in_lines(of_wall, limits, count, first, last):
             continue
         middle = np.linspace(0, values["length"], 2 * _PLACES + 1)[1::2]
         at = (limits[first:last] + limits[first + 1 : last + 1]) / 2
@@ -99,6 +104,20 @@ def _behind(shape: Section, k: int, edge: IntArray, along: FloatArray) -> FloatA
     at = start[own] + along[rows, None] * unit[own]
     hit, _ = first_across(at, into[own], shape, own)
     return np.asarray((at[hit == k] - start[k]) @ unit[k])
+
+
+def _in_lines(along: FloatArray, limits: FloatArray, count: IntArray, first: int, last: int) -> bool:
+    """Whether points across a face lie in lines: beside the bare strip a gap, or bins next to each other, differ as by chance in one of 1,000.
+
+    limits, count : (m + 1,), (m,) of bins, of which those from `first` to before `last` are bare.
+    """
+    at = np.sort(along[(along > limits[0]) & (along < limits[-1])])
+    gaps = np.diff(at)[(at[1:] <= limits[first]) | (at[:-1] >= limits[last])]
+    one, two = (np.r_[count[k:first:2][: first // 2], count[last + k :: 2][: (len(count) - last) // 2]].astype(float) for k in (0, 1))
+    if len(gaps) < _FEWEST or len(one) < _FEWEST:
+        return True
+    uneven = float(chdtrc(len(one), ((one - two) ** 2 / np.maximum(one + two, 1.0)).sum()))
+    return uneven < _CHANCE or len(gaps) * math.exp(-len(gaps) * float(gaps.max()) / max(float(gaps.sum()), 1e-300)) < _CHANCE
 
 
 def _widest(bare: BoolArray) -> tuple[int, int]:

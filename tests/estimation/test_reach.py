@@ -148,6 +148,20 @@ def test_a_direction_in_which_no_face_was_seen_is_not_told() -> None:
     assert reach(narrow, member) is not None
 
 
+def test_the_inside_of_a_tube_holds_its_line_where_neither_side_was_seen() -> None:
+    """Both ends of the faces beside are told then; with the inside hidden too nothing is."""
+    true = made("RHS", values=SIZE["RHS"], R=ASKEW, sigma=2e-4)
+    wrong = replace(true, parameters=tuple(replace(p, value_m=p.value_m + 0.002 * (p.name == "b")) for p in true.parameters))
+    wrong = replace(wrong, T_world_member=rigid(ASKEW, ASKEW @ np.array([-0.001, 0.0, 0.0])))  # the inside that was seen stays
+    for out, told in ((("LEFT_INNER",), {"LEFT_OUTER", "RIGHT_OUTER"}), (("LEFT_INNER", "RIGHT_INNER"), None)):
+        seen = tuple(name for name in faces("RHS") if name not in ("LEFT_OUTER", "RIGHT_OUTER", *out))
+        points = member_points("RHS", true.values(), 20_000, MemberScanOptions(noise_m=2e-4, faces=seen, clutter=0.02, seed=4)) @ ASKEW.T
+        found = reach(points, replace(wrong, seen={name: float(name in seen) for name in faces("RHS")}))
+        assert (found and set(found.faces)) == told
+        if found is not None:
+            assert abs(found.values[1] - true.values()["b"]) < 3 * np.sqrt(found.covariance[1, 1]) < 6e-4
+
+
 @pytest.mark.parametrize("slope, told", [(0.0, True), (0.006, False)])
 def test_a_cut_that_runs_askew_along_the_member_tells_nothing(slope, told) -> None:
     """A box cut by a plane 0.6 degrees off one of its faces had been a box 40 % smaller, with that face seen by nobody."""

@@ -115,10 +115,11 @@ def end_rows(points: FloatArray, member: Member) -> float:
 def _hidden(member: Member, seen: set[str], whole: bool) -> Iterator[tuple[Face, Face, Face]]:
     """Every face of the outline that was not seen though both its neighbours were (of a whole scan one), which it overtops at both corners.
 
-    A face across the same axis was seen: else nothing but ends holds the member's line in that direction, and its tilt and bow blur them.
+    A face across the same axis was seen, of a tube also inside: else nothing but ends holds the member's line in that direction, and its tilt and bow
+    blur them.
     """
-    loop = straight_faces(member)[0]
-    held = {face.axis for face in loop if face.name in seen}
+    loops = straight_faces(member)
+    loop, held = loops[0], {face.axis for one in loops for face in one if face.name in seen}
     for i, face in enumerate(loop):
         before, after = loop[i - 1], loop[(i + 1) % len(loop)]
         convex = before.outward == -after.outward and (after.place - before.place) * after.outward > 0

@@ -182,6 +182,17 @@ def test_a_gap_counts_where_no_sight_line_tells_it_from_a_hole():
     assert least < hidden_volume(ball, distance_to_mesh(gap, ball), 0.06, REACH_UNSEEN).value < most
 
 
+def test_a_gap_with_places_that_were_not_measured_counts_up_to_the_points_round_it():
+    """A pocket nine spacings wide along a lipped Z was filled, taken for three wide, and passed at 1.07."""
+    ball = sphere(1.0, rounds=5)
+    points, _ = sampled(ball, 0.06)
+    gap = points[np.linalg.norm(points - [0.0, 0.0, 1.0], axis=1) > 4.5 * 0.06]
+    near, bare = distance_to_mesh(gap, ball), (4.5 - REACH_UNSEEN) * 0.06
+    least, most = (0.5 * np.pi * radius**3 / volume(ball) for radius in (bare, bare + 0.03))
+    assert least < hidden_volume(ball, near, 0.06).value < most
+    assert 0.0 < hidden_volume(ball, near, 0.06, border=REACH).value < 0.5 * least
+
+
 def test_a_gap_inside_one_face_of_a_flat_solid_counts():
     """Twelve triangles have no middle near it: a boss that nobody saw was lost."""
     slab, h = dataclasses.replace(box((1.0, 0.8, 0.3)), face_region=np.arange(12) // 2), 0.02

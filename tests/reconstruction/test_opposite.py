@@ -10,6 +10,7 @@ from scan2fea.kernel.side_normals import wall_depth
 from scan2fea.reconstruction import visibility
 from scan2fea.reconstruction.evidence import Evidence
 from scan2fea.reconstruction.opposite import with_opposite
+from scan2fea.reconstruction.visibility import opened_holes
 from scan2fea.simulation.shapes import chs
 from scan2fea.types import PointCloud, TriangleMesh
 from scanned import scan_of, scanned
@@ -83,3 +84,11 @@ def test_a_tube_of_which_a_side_was_hidden():
     assert all(check.passed for check in found.checks), [check.name for check in found.checks if not check.passed]
     assert volume(found.mesh) == pytest.approx(volume(truth), rel=0.01)
     assert len(found.points) == (~gone).sum() and found.how["n_carried"] == len(found.carried)
+
+
+def test_faces_put_where_nobody_saw_them_open_no_hole():
+    """A lipped Z passed with three holes that its first surface did not have, where few rays met the outer face of the lip."""
+    tube = chs(0.06, 0.004, 0.25, 0.0005)
+    (check,) = opened_holes(PLATE, tube)
+    assert check.value == 1.0 and not check.passed
+    assert opened_holes(tube, PLATE) == () == opened_holes(tube, tube)

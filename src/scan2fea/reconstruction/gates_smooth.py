@@ -12,7 +12,7 @@ from scan2fea.reconstruction.evidence import at_most, mm
 from scan2fea.reconstruction.gates import DEVIATION_SEEN, QUIET, STRAY_SIGMAS, STRAY_SPACINGS, UNMEASURED_SEEN, in_all
 from scan2fea.reconstruction.gates_planar import APART, BEND_SPACING, EXCESS
 from scan2fea.reconstruction.gates_surface import deviation, stray
-from scan2fea.reconstruction.hidden_volume import LIMIT, hidden_volume
+from scan2fea.reconstruction.hidden_volume import LIMIT, REACH, hidden_volume
 from scan2fea.reconstruction.sight import Sight
 from scan2fea.reconstruction.visibility import Reconstruction
 from scan2fea.types import Check, FloatArray, IntArray, Scan, TriangleMesh
@@ -58,7 +58,7 @@ def gates_smooth(scan: Scan, first: Reconstruction, mesh: TriangleMesh, held_out
         ),
         at_most("solid and sight lines", through, APART, f"sight lines pass through {through:.1%} of the solid (limit {APART:.0%})"),
         *(check for check in first.checks if check.name not in ASKED_AGAIN),
-        hidden_volume(mesh, near, h),
+        hidden_volume(mesh, near, h, border=REACH),  # what hides in gaps is told by others as wide
         _unmeasured(mesh, measured, near.face, 3.0 * (h + sigma)),
         deviation(off, DEVIATION_SEEN * (sigma + QUIET * h)),
         stray(measured, np.abs(held_out), far),

@@ -6,6 +6,8 @@ led a little way: points round it look at it) anything may lie, up to the other 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -30,12 +32,14 @@ ONE_WAY = 0.1  # of its area, what a patch looks one way with: less closes upon 
 LEAST_BEHIND = 1e-3  # of the volume, in a patch times the size of the part: less is not asked
 
 
-def hidden_volume(mesh: TriangleMesh, near: Nearest, spacing_m: float, reach: float = REACH) -> Check:
+def hidden_volume(mesh: TriangleMesh, near: Nearest, spacing_m: float, reach: float = REACH, border: float = REACH_UNSEEN) -> Check:
     """Does what no point has seen stay under LIMIT of the volume?
 
     near : the places under points, measured, or inferred from a support that was seen.   reach : in spacings, REACH or REACH_UNSEEN.
+    border : spacings from the points to which a gap goes that has places beyond the reach. A pocket nine spacings wide (a lipped Z, 1.07) had passed,
+    taken for three.
     """
-    return hidden_check(*unseen_volume(mesh, near.closest, face_normals(mesh)[near.face], reach * spacing_m))
+    return hidden_check(*unseen_volume(mesh, near.closest, face_normals(mesh)[near.face], reach * spacing_m, border * spacing_m))
 
 
 def hidden_check(share: float, where: FloatArray) -> Check:
@@ -47,7 +51,9 @@ def hidden_check(share: float, where: FloatArray) -> Check:
     return at_most(HIDDEN_VOLUME, share, LIMIT, says)
 
 
-def unseen_volume(mesh: TriangleMesh, places: FloatArray, normals: FloatArray, reach_m: float) -> tuple[float, FloatArray]:
+def unseen_volume(
+    mesh: TriangleMesh, places: FloatArray, normals: FloatArray, reach_m: float, border_m: float = math.inf
+) -> tuple[float, FloatArray]:
     """Share of the volume that may hide behind patches that no ray has met, and the middles of their faces.
 
     A patch of area A and perimeter P spans a gap about 2 A / P wide; what it hides is taken as that deep: A^2 / P on either side. With points round
@@ -56,12 +62,14 @@ def unseen_volume(mesh: TriangleMesh, places: FloatArray, normals: FloatArray, r
     bare = bare_faces_of(mesh, places, normals, reach_m)
     if not bare.any():
         return 0.0, np.zeros((0, 3))
+    far, bare = bare, bare | bare_faces_of(mesh, places, normals, min(border_m, reach_m))
     twin = edge_table(mesh.faces).twin.reshape(-1, 3) // 3
     areas, corners = face_areas(mesh), mesh.vertices[mesh.faces]
     lengths = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
     face, side = np.nonzero(bare[:, None] & bare[twin])
     graph = coo_array((np.ones(len(face), np.int8), (face, twin[face, side])), shape=(len(bare), len(bare)))
     patch = connected_components(graph, directed=False)[1]
+    bare &= np.isin(patch, patch[far])
     size = np.bincount(patch[bare], areas[bare])
     perimeter = np.bincount(patch[bare], (lengths * ~bare[twin]).sum(axis=1)[bare], len(size))
     hidden = size**2 / np.maximum(perimeter, np.sqrt(np.maximum(size, np.finfo(float).tiny)))

@@ -18,12 +18,13 @@ from scan2fea.errors import ReconstructionError, require
 from scan2fea.kernel.delaunay import Tetrahedralisation
 from scan2fea.kernel.measures import volume
 from scan2fea.kernel.noise import spacing
+from scan2fea.kernel.topology import surface_topology
 from scan2fea.options import option
 from scan2fea.reconstruction.bores import Bore
 from scan2fea.reconstruction.budget import WALL_ENDS
 from scan2fea.reconstruction.carve import Carved, carve
 from scan2fea.reconstruction.denoise import denoise, first_normals
-from scan2fea.reconstruction.evidence import Ends
+from scan2fea.reconstruction.evidence import Ends, at_most
 from scan2fea.reconstruction.gates import Evidence, failed, gates_seen
 from scan2fea.reconstruction.hidden import hidden_points
 from scan2fea.reconstruction.lost_bores import WHOLE, closed_bores, facing_axis, in_bores
@@ -34,6 +35,7 @@ from scan2fea.reconstruction.raster import Images, images_of
 from scan2fea.reconstruction.sensors import REJECTED, blocked_share, outer_side
 from scan2fea.reconstruction.turned import with_turned
 from scan2fea.reconstruction.unseen import FLOOD_SOURCE, unseen
+from scan2fea.reconstruction.unseen_rims import UNSEEN_RIMS
 from scan2fea.reconstruction.wall_ends import unseen_ends
 from scan2fea.types import Check, FloatArray, IntArray, PointCloud, Scan, TriangleMesh, Value
 
@@ -293,6 +295,8 @@ def _with_unseen(
                 continue
             if found is None:
                 continue
+            if name != ROUND_AN_AXIS:
+                found = replace(found[0], checks=(*found[0].checks, *opened_holes(surface.mesh, found[0].mesh))), found[1]
             names = ", ".join(filter(None, (before, name)))
             begun.append((names, more, *found))
             if len(failed(found[0].checks)) < len(failed(best.checks)):
@@ -385,6 +389,13 @@ def one_part(n_parts: int) -> Check:
     """One object is one piece."""
     says = f"the points enclose {n_parts} separate parts: segment them into objects of their own, or scan what joins them"
     return Check(name="parts", value=float(n_parts), limit=1.0, unit="1", passed=n_parts == 1, says=says)
+
+
+def opened_holes(before: TriangleMesh, mesh: TriangleMesh) -> tuple[Check, ...]:
+    """Faces of walls put where nobody saw them close a surface, and open no hole that it did not have (a lip seen by few rays: 3, and passed)."""
+    n = surface_topology(mesh).n_handles - surface_topology(before).n_handles
+    says = f"{n} holes go through walls one face of which was inferred: holes, or not scanned; scan the other face too"
+    return (at_most(UNSEEN_RIMS, float(n), 0.0, says),) if n > 0 else ()
 
 
 def dark_holes(n_dark: int) -> tuple[Check, ...]:

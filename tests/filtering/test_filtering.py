@@ -101,7 +101,22 @@ def test_the_edge_comes_from_the_budget():
     cloud = PointCloud.of(sheet(20_000))
     assert downsample(cloud).edge_m is None
     thin = downsample(cloud, FilteringOptions(max_points=2000))
-    assert 1000 <= len(thin.cloud) <= 2000
+    assert len(thin.cloud) == 2000 and thin.edge_m is None
+    assert np.isin(thin.cloud.raw_index, cloud.raw_index).all() and (thin.cloud.points == cloud.points[thin.cloud.raw_index]).all()
+
+
+def test_a_large_scan_is_thinned_where_it_is_dense_and_a_thin_wall_keeps_its_faces():
+    """Means over cells of 7 mm had made the web of 7.1 mm of a scanned hall's beam 7.26 +- 0.03 mm."""
+    rng, n = np.random.default_rng(3), 60_000
+    wall = np.stack([rng.uniform(0, 1, n), rng.uniform(0, 0.2, n), 0.004 * rng.integers(0, 2, n) + 2e-4 * rng.standard_normal(n)], 1)
+    sparse = np.stack([*rng.uniform(2, 4, (2, 2000)), np.zeros(2000)], 1)
+    got = downsample(PointCloud.of(np.concatenate([wall, sparse])), FilteringOptions(max_points=8_000)).cloud
+    assert (got.points[:, 0] > 1.5).sum() > 1500  # of what is sparse hardly any goes
+    left = got.points[got.points[:, 0] < 1.5]
+    upper = left[:, 2] > 0.002
+    assert left[upper, 2].mean() - left[~upper, 2].mean() == pytest.approx(0.004, abs=2e-5)
+    counts = np.histogram2d(left[:, 0], left[:, 1], bins=(10, 2), range=((0, 1), (0, 0.2)))[0]
+    assert counts.min() > 0.75 * counts.mean()  # as dense at the rim as elsewhere
 
 
 @pytest.mark.parametrize("edge", [0.0, -1.0, float("nan"), float("inf")])

@@ -1,4 +1,4 @@
-"""Scans beyond `input.memory_gib` become voxel means while they are read."""
+"""Of scans beyond `input.memory_gib` one point a voxel is kept while they are read."""
 
 import re
 
@@ -17,7 +17,7 @@ def dense(n, offset=0.0):
     return np.column_stack([rng.random((n, 2)) * 10, rng.normal(size=n) * 0.001]) + offset
 
 
-def test_a_scan_beyond_the_budget_becomes_voxel_means(tmp_path):
+def test_of_a_scan_beyond_the_budget_one_point_a_voxel_is_kept(tmp_path):
     from scan2fea.io.gather import gather
     from scan2fea.io.source import Piece
     from scan2fea.kernel.voxels import voxel_mean
@@ -32,7 +32,7 @@ def test_a_scan_beyond_the_budget_becomes_voxel_means(tmp_path):
     found = gather(tmp_path, pieces, ("label",), 1.0, limit, keep_rows=False)
     assert limit // 3 < len(found.points) <= limit and found.n_rows == 60_000
     batch = voxel_mean(points, found.voxel_edge_m)
-    assert found.points.tobytes() == batch.mean.tobytes()  # read again at the final edge: the bytes of the batch
+    assert found.points.tobytes() == points[batch.first_row].tobytes()  # read again at the final edge: the rows of the batch
     assert (found.raw_index == batch.first_row).all() and (found.columns["label"] == batch.first_row).all()
     ray, rays = found.rays()
     assert len(ray) == len(found.points) and (rays.origin == [0, 0, 9e3]).all()
@@ -44,7 +44,7 @@ def test_thinning_is_told(tmp_path):
     np.save(tmp_path / "a.npy", dense(400_000))
     raw = read_scan(tmp_path / "a.npy", InputOptions(memory_gib=0.1))
     assert raw.n_points == 400_000 and len(raw.scan.cloud) < 0.1 * 2**30 / 250 and raw.voxel_edge_m > 0
-    assert "exceed the 350896 that fit into input.memory_gib: read as the means of" in raw.notes[0]
+    assert "exceed the 350896 that fit into input.memory_gib: read as one point in each of" in raw.notes[0]
 
 
 def test_budget_is_inclusive(tmp_path):

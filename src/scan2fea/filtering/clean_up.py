@@ -59,8 +59,9 @@ def clean_up(scan: Scan, options: FilteringOptions = FilteringOptions()) -> Clea
         cloud = thinned.cloud
         how |= thinned.how
     require(len(cloud) > 0, EmptyScanError, "no point is left after filtering; set filtering.outliers = none to keep all")
-    if how["voxel_m"] is not None:
-        notes.append(f"{how['n_before']} points thinned to {how['n_after']} by means over cells of {how['voxel_m']:.4g} m")
+    if "n_before" in how:
+        means = "where they are dense, each as it was measured" if how["voxel_m"] is None else f"by means over cells of {how['voxel_m']:.4g} m"
+        notes.append(f"{how['n_before']} points thinned to {how['n_after']} {means}")
     if how["n_outliers"]:
         notes.append(f"{how['n_outliers']} outliers left out ({how['outliers']})")
     if how["n_duplicates"]:

@@ -1,4 +1,4 @@
-"""Even density: one point per occupied cell (thesis eq 2.4)."""
+"""Even density: one point per occupied cell (thesis eq 2.4), or fewer points where a scan has more than a run can use (`thin_out`)."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from scan2fea.errors import UsageError, require
 from scan2fea.filtering.options import FilteringOptions
+from scan2fea.filtering.thin_out import thin_out
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.voxels import voxel_mean
 from scan2fea.types import PointCloud
@@ -21,7 +22,7 @@ _PROBE = 200_000
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Downsampled:
-    """cloud : one point per cell.   edge_m : None where nothing was done.   how : for the report."""
+    """cloud : what is left.   edge_m : of the cells that means were taken over, None where none were.   how : for the report."""
 
     cloud: PointCloud
     edge_m: float | None
@@ -29,19 +30,20 @@ class Downsampled:
 
 
 def downsample(cloud: PointCloud, options: FilteringOptions = FilteringOptions()) -> Downsampled:
-    """Mean position of the points of each cell of a grid anchored at 0.
+    """Mean position of the points of each cell of a grid anchored at 0; without an edge, points as they are, of dense places fewer.
 
     Everything else (ray, frame, raw_index, colour, normal, ...) is that of the cell's first point. A cell wider than a wall merges its
     two faces: give an edge below the thinnest wall. Raises UsageError for an edge that is not positive.
     """
     edge = options.voxel_m
     require(edge is None or (math.isfinite(edge) and edge > 0), UsageError, f"filtering.voxel_m is {edge}: it must be a positive length in metres")
-    if edge is None:
-        if len(cloud) <= options.max_points:
-            return Downsampled(cloud=cloud, edge_m=None, how={"voxel_m": None})
-        edge = _edge_for(cloud, options.max_points)
-    cells = voxel_mean(cloud.points, edge)
-    thinned = cloud.take(cells.first_row).replaced(points=cells.mean)
+    if edge is not None:
+        cells = voxel_mean(cloud.points, edge)
+        thinned = cloud.take(cells.first_row).replaced(points=cells.mean)
+    elif len(cloud) > options.max_points:
+        thinned = cloud.take(thin_out(cloud.points, options.max_points, _edge_for(cloud, options.max_points)))
+    else:
+        return Downsampled(cloud=cloud, edge_m=None, how={"voxel_m": None})
     return Downsampled(cloud=thinned, edge_m=edge, how={"voxel_m": edge, "n_before": len(cloud), "n_after": len(thinned)})
 
 

@@ -25,8 +25,8 @@ class FilteringOptions:
     crop_plane: tuple[float, ...] = option((), "Keep what lies beyond the plane: normal x y z, distance along it, in the coordinates of OUT [m]")
     crop_region_m: tuple[float, ...] = option((), "Keep what lies in a region in plan: x y of its corners, in the coordinates of OUT", unit="m")
     crop_outside: bool = option(False, "Keep what lies outside of box, plane and region instead")
-    voxel_m: float | None = option(None, "Edge of cells whose points give way to their mean; none: only above max_points", unit="m", minimum=0.0)
-    max_points: int = option(4_000_000, "A scan of more points is thinned by voxel means with an edge from the data", minimum=1000)
+    voxel_m: float | None = option(None, "Edge of cells whose points give way to their mean; none: no means", unit="m", minimum=0.0)
+    max_points: int = option(4_000_000, "A scan of more points is thinned to so many, where it is dense; walls keep both faces", minimum=1000)
     disocclusion: str = option(
         "none",
         "Mark what stands before a surface seen on both of its sides, and put points there that nobody measured (is_inferred). planes: the plane "

@@ -1,4 +1,4 @@
-"""Pieces of a file to whole columns: what is not finite is dropped, lengths become metres, and too many points become voxel means."""
+"""Pieces of a file to whole columns: what is not finite is dropped, lengths become metres, and of too many points one a voxel is kept."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Gathered:
 
 
 class _Rows:
-    """The pieces so far, or their voxel means once there are more than `limit` points."""
+    """The pieces so far, or one point of each voxel once there are more than `limit`: means would draw the faces of thin walls together."""
 
     def __init__(self, limit: int, edge_m: float | None = None) -> None:
         self.limit = limit
@@ -161,7 +161,7 @@ def _first_edge(points: list[FloatArray], limit: int) -> float:
 
 
 def gather(path: Path, pieces: Callable[[], Iterator[Piece]], wanted: tuple[str, ...], scale: float, limit: int, keep_rows: bool) -> Gathered:
-    """Read all pieces. `limit`: points beyond which voxel means take their place; `keep_rows`: vertices of faces, none may be dropped or joined.
+    """Read all pieces. `limit`: points beyond which one a voxel is kept; `keep_rows`: vertices of faces, none may be dropped or joined.
 
     A scan that is thinned is read a second time where doubling the edge has overshot: by the cube root at most what `limit` allows, which holds
     for points on surfaces (count falls as edge^-2) and in a volume (edge^-3) alike.
@@ -271,7 +271,7 @@ def _gathered(found: _Found, limit: int) -> Gathered:
     index, sensor, columns = found.rows.whole()
     stream = found.rows.stream
     if stream is not None:
-        points = stream.mean()
+        points = stream.first_point()
     else:
         points = np.concatenate(found.rows.points) if found.rows.points else np.zeros((0, 3))
     origin, direction, time_s = found.misses.whole()
@@ -312,6 +312,6 @@ def _notes(found: _Found, stream: VoxelStream | None, limit: int) -> tuple[str, 
     if found.n_lost:
         notes.append(f"the direction of {found.n_lost} rays without return cannot be told: they were dropped")
     if stream is not None:
-        read = f"read as the means of {stream.n_cells} voxels of {stream.edge_m:.4g} m"
+        read = f"read as one point in each of {stream.n_cells} voxels of {stream.edge_m:.4g} m"
         notes.append(f"{found.n_rows} points exceed the {limit} that fit into input.memory_gib: {read}")
     return tuple(notes)

@@ -42,7 +42,7 @@ class InputOptions:
     )
     labels: str = option("", "Column that holds one label per point: its name, or its number counted from 1.")
     memory_gib: float = option(
-        4.0, "A scan that would need more memory than this in the later steps is thinned to voxel means while it is read.", minimum=0.1
+        4.0, "A scan that would need more memory than this in the later steps is thinned to one point a voxel while it is read.", minimum=0.1
     )
 
 
@@ -55,7 +55,7 @@ class RawScan(Value):
     n_points : rows of the file that are points or misses.   n_dropped : rows that are not finite.   n_misses : rays without return.
     unit_source : "format", "option", "assumed", or "unknown" (no scale).   sensor : "known" or "unknown".
     pose_given : the file gave poses, and they are applied.   T_world_frame : None, or a (4, 4) pose that is not yet applied.
-    voxel_edge_m : edge of the voxels whose means the points are, None where every point was kept.
+    voxel_edge_m : edge of the voxels of which one point each was kept, None where every point was.
     sweep : (n,) turn of the scanner that each point is of, where the file holds more than one.
     columns : names found.   notes : what was decided that the user did not ask for.
     acquired : figures of how the points were made, of inputs that hold none (pictures, logs); their first frame has it.

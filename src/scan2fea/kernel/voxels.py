@@ -198,6 +198,10 @@ class VoxelStream:
         used = self._records[: self.n_cells]
         return np.asarray(used[:, 0:3] + used[:, 3:6] / used[:, 6:7])
 
+    def first_point(self) -> FloatArray:
+        """(c, 3) point of the lowest row in each cell."""
+        return self._records[: self.n_cells, 0:3].copy()
+
     def first_row(self, from_cell: int = 0) -> IntArray:
         """(c,) lowest row in each cell (from a cell on), ascending."""
         return self._records[from_cell : self.n_cells, 7].astype(np.int64)

@@ -21,6 +21,7 @@ from scan2fea.estimation.end_faces import cut_askew
 from scan2fea.estimation.explain import explanation
 from scan2fea.estimation.fit import SectionFit
 from scan2fea.estimation.given import Given, contradictions
+from scan2fea.estimation.going_on import going_on
 from scan2fea.estimation.joined import NO_PLANE, ended_at, joints
 from scan2fea.estimation.lacking import lack
 from scan2fea.estimation.member import MemberFit, MemberOptions, fit_member
@@ -233,9 +234,9 @@ def _ended(
     around : footings, covers and meets of `estimate`.
     """
     footings, covers, meets = around
-    if fit.method != "density":  # hits and misses know where it ends
-        return member, fit
     points = scan.cloud.points if scan.cloud.is_inferred is None else scan.cloud.points[~scan.cloud.is_inferred]
+    if fit.method != "density":  # hits and misses know where it ends
+        return _untold(member, fit, "" if options.whole else going_on(points, member, covers))
     low, high = joints(points, member, meets) if fit.explains else (None, None)
     joined = low is not None, high is not None
     if any(joined):
@@ -248,8 +249,13 @@ def _ended(
         member = without_length(member) if askew else member
     if options.whole or not member.parameters[-1].observable:
         return member, fit
-    unseen = unseen_end(scan, fit.ends, member, footings, joined)
-    return (without_length(member), replace(fit, why={**fit.why, "length": unseen})) if unseen else (member, fit)
+    unseen = going_on(points, member, covers, joined) or unseen_end(scan, fit.ends, member, footings, joined)
+    return _untold(member, fit, unseen)
+
+
+def _untold(member: Member, fit: MemberFit, why: str) -> tuple[Member, MemberFit]:
+    """The member without its length where that is not told, and why; as they are where it is."""
+    return (without_length(member), replace(fit, why={**fit.why, "length": why})) if why else (member, fit)
 
 
 def _bare_ends(fit: MemberFit, rests: bool) -> int:

@@ -71,8 +71,7 @@ def _of_surfaces(points: FloatArray, thin: Thin, min_points: int, seed: int, sle
     """`members` of points (n, 3) that lie on surfaces."""
     whole = np.zeros(len(points), np.int64)
     piece, axes = pieces(thin, seed)
-    piece = _given_back(thin, _shortened(thin, piece, axes))
-    piece = _cut(thin, piece, axes)
+    piece = _cut(thin, _shortened(thin, piece, axes), axes)
     if len(np.unique(piece[piece >= 0])) < 2:
         return whole
     group = _joined(thin, piece)
@@ -96,16 +95,24 @@ def _of_surfaces(points: FloatArray, thin: Thin, min_points: int, seed: int, sle
 
 
 def _shortened(thin: Thin, piece: IntArray, axes: FloatArray) -> IntArray:
-    """Pieces (n,) without the slices at their ends where their section is not there because another piece passes."""
-    out = piece.copy()
+    """Pieces (n,) without the slices at their ends where their section is not there because another piece passes; the emptiest end first.
+
+    What it leaves goes to who runs through, as in `_cut`: of two that both hold points of one joint only one loses its end.
+    """
+    ends: list[tuple[float, int, bool]] = []
     for p in range(len(axes)):
         rows = np.flatnonzero(piece == p)
-        if len(rows):
-            zones, at, _ = _empty_zones(thin, rows, piece, axes, p)
-            for zone in zones:
-                if zone[0] == 0 or zone[1] == int(at.max()) + 1:
-                    out[rows[(at >= zone[0]) & (at < zone[1])]] = -1
-    return out
+        zones, at, share = _empty_zones(thin, rows, piece, axes, p) if len(rows) else ([], rows, np.zeros(0))
+        ends += [(float(share[a:b].min()), p, far) for a, b in zones for far in (False, True) if (b == int(at.max()) + 1 if far else a == 0)]
+    for _, p, far in sorted(ends):
+        rows = np.flatnonzero(piece == p)
+        zones, at, _ = _empty_zones(thin, rows, piece, axes, p) if len(rows) else ([], rows, np.zeros(0))
+        gone = [rows[(at >= a) & (at < b)] for a, b in zones if (b == int(at.max()) + 1 if far else a == 0)]
+        if gone:
+            piece = piece.copy()
+            piece[np.concatenate(gone)] = -1
+            piece = _given_back(thin, piece)
+    return piece
 
 
 def _cut(thin: Thin, piece: IntArray, axes: FloatArray) -> IntArray:

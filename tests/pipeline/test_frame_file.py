@@ -11,7 +11,7 @@ from scan2fea.errors import StageError
 from scan2fea.fea import FeaOptions
 from scan2fea.pipeline.frame_file import frame_of, write_frame
 from scan2fea.pipeline.results import assumed
-from scan2fea.types import SectionChange
+from scan2fea.types import Damage, SectionChange
 
 
 def test_members_are_written_by_name(tmp_path):
@@ -33,3 +33,14 @@ def test_a_section_that_changes_is_told_and_no_beam_of_one_section(tmp_path):
     with pytest.raises(StageError, match="section changes"):
         frame_of([pole], FeaOptions())
     assert "d changes along it, 100 to 200 mm" in assumed(pole) and "changes" not in assumed(made("CHS", 3.0))
+
+
+def test_damage_is_told_of_a_solid_that_is_whole_there():
+    """A beam with a corner spalled by 29 mm came as a whole one, and only a list in the report said so."""
+    loss, dent = (
+        Damage(kind=kind, position_m=np.zeros(3), size_m=0.06, depth_m=depth, std_m=0.002, p_value=1e-9)
+        for kind, depth in (("loss", 0.029), ("dent", 0.01))
+    )
+    assert "at one place the points leave it, by up to 29 mm (loss): the solid is whole there" in assumed(replace(made("rect"), damage=(loss,)))
+    assert "at 2 places the points leave it, by up to 29 mm (loss)" in assumed(replace(made("rect"), damage=(dent, loss)))
+    assert "leave it" not in assumed(made("rect"))

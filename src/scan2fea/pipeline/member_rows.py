@@ -102,6 +102,15 @@ def changing(member: Member) -> str:
     return f"; {change.dimension} changes along it, {sizes} mm: no beam theory is held against the solid, and there are no beams of it"
 
 
+def damaged(member: Member) -> str:
+    """Where the points leave the member by more than chance, for the verdict's line: its solid is whole there."""
+    if not member.damage:
+        return ""
+    worst = max(member.damage, key=lambda d: abs(d.depth_m))
+    places = f"{len(member.damage)} places" if len(member.damage) > 1 else "one place"
+    return f"; at {places} the points leave it, by up to {abs(worst.depth_m) * MILLIMETRES_PER_METRE:.2g} mm ({worst.kind}): the solid is whole there"
+
+
 def rooted(member: Member) -> str:
     """The root fillets that the solid has though no dimension of the section says so, or that it may lack."""
     root = member.root

@@ -11,7 +11,7 @@ from scan2fea.kernel.neighbors import radius_components
 from scan2fea.kernel.noise import noise_sigma, spacing
 from scan2fea.kernel.normals import pca_normals
 from scan2fea.kernel.voxels import voxel_mean
-from scan2fea.segmentation.sweeps import GAP, directions, refined_axis, run_lengths
+from scan2fea.segmentation.sweeps import GAP, directions, refined_axis, run_lengths, straightened
 from scan2fea.types import FloatArray, IntArray, Value
 
 _MOST = 40_000  # points that are looked at
@@ -81,7 +81,8 @@ def _connected(thin: Thin, own: IntArray, axes: FloatArray) -> tuple[IntArray, F
         for label in np.flatnonzero(np.bincount(part) >= LEAST_PIECE):
             mine = rows[part == label]
             piece[mine] = len(which)
-            which.append(refined_axis(thin.points[mine], thin.normals[mine], axes[d]))
+            axis = refined_axis(thin.points[mine], thin.normals[mine], axes[d])
+            which.append(straightened(thin.points[mine], axis, thin.h))
     return piece, np.array(which).reshape(-1, 3)
 
 

@@ -32,6 +32,7 @@ _MOST_DIRECTIONS = 16
 ONE_FACE = 0.1  # second moment of the normals square to their main direction: less, and all are alike
 _SCALES = (96, 256)  # neighbours whose cloud may be a line
 _LINE = 3.0  # length over width from which it is one
+_TURN, _ASKED, _FEWER = 0.035, 3_000, 1.1  # two degrees; points that tell a straighter axis; how much more of them share a column then
 
 
 def across(axis: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -128,6 +129,35 @@ def refined_axis(points: FloatArray, normals: FloatArray, axis: FloatArray) -> F
         centred = points - points.mean(axis=0)
         found = np.linalg.eigh(centred.T @ centred)[1][:, 2]
     return found if abs(float(found @ axis)) >= _OTHER else axis
+
+
+def straightened(points: FloatArray, axis: FloatArray, h: float) -> FloatArray:
+    """The axis (3,) of a long piece (n, 3), turned by at most two degrees to where its points fill the fewest columns along it.
+
+    What normals of neighbours tell is a degree off where walls are thinner than points lie apart: over a long beam that is wider than a column.
+    """
+    centred = points[:: max(1, len(points) // _ASKED)] - points.mean(axis=0)
+    half = float(np.ptp(centred @ axis)) / 2
+    n = int(_TURN * half / h)  # steps of a spacing at the ends; of shorter pieces a column holds both all the same
+    found, before, after = axis, 0.0, 0.0
+    for step, reach in ((h / half, n), (h / half / 2, 1), (h / half / 4, 1)) if n > 2 else ():
+        u, v = across(found)
+        flat, z = np.stack([centred @ u, centred @ v], 1), centred @ found
+        crowds = {(i * step, j * step): 0.0 for i in range(-reach, reach + 1) for j in range(-reach, reach + 1)}
+        crowds = {turn: _crowding(flat - z[:, None] * turn, h) for turn in crowds}
+        best = max(crowds, key=lambda turn: (crowds[turn], -abs(turn[0]) - abs(turn[1])))
+        before, after = before or crowds[0.0, 0.0], crowds[best]
+        found = found + best[0] * u + best[1] * v
+        found = found / np.linalg.norm(found)
+    return found if after > _FEWER * before else axis
+
+
+def _crowding(flat: FloatArray, h: float) -> float:
+    """Mean number of points (n, 2) that share a column with a point."""
+    column = np.floor(flat / h).astype(np.int64)
+    column -= column.min(axis=0)
+    counts = np.bincount(column[:, 0] * (int(column[:, 1].max()) + 1) + column[:, 1])
+    return float((counts.astype(float) ** 2).sum()) / len(flat)
 
 
 def slice_profile(points: FloatArray, axis: FloatArray, h: float) -> tuple[FloatArray, IntArray]:

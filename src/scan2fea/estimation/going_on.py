@@ -1,7 +1,7 @@
 """Does another object go on where the member ends, with the same section? Then it was cut there while objects were told apart, and ends elsewhere.
 
-What only touches an end (a column's flange, an end plate, the chord that a brace is welded to) crosses the outline of the section; what goes on keeps
-to it, directly behind the end.
+What only touches an end (a column's flange, an end plate, the chord that a brace is welded to) crosses the outline of the section, or lies beside it
+elsewhere; what goes on keeps to it, directly behind the end.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ _ROWS = 3.0  # spacings before and behind an end (`segmentation.around` gives no
 _SIGMAS = 4.0  # of noise, and mill tolerance: what lies nearer is on the outline
 _BESIDE = 3.0  # times that: what crosses the outline lies there too, twice as often
 _DENSE, _SHARE = 0.5, 0.75  # of the points before the end; of the outline that has points before it
+_PURE = 0.9  # of the body's points lie on the outline, however far along
 _LEAST = 8  # points of a face before the end
 
 
@@ -41,7 +42,8 @@ def going_on(points: FloatArray, member: Member, covers: Sequence[FloatArray], j
         for body in covers:
             local = sweep.coordinates(body)
             beyond = local[np.abs((local[:, 2] - end) * behind - step / 2) < step / 2]
-            if len(beyond) >= _LEAST and _keeps_to(shape, ahead, beyond, reach):
+            is_pure = len(beyond) >= _LEAST and (np.abs(outline_distance(shape, local[:, :2])[0]) <= reach).mean() >= _PURE
+            if is_pure and _keeps_to(shape, ahead, beyond, reach):
                 at = ", ".join(f"{x:.4g}" for x in body[np.abs(local[:, 2] - end).argmin()])
                 return (
                     f"another object goes on with the same section where the {member.family} member ends, around ({at}) m: one member, told apart "

@@ -1,5 +1,6 @@
 """Members that touch fall apart; what is one body stays one; directions and runs against closed forms."""
 
+from dataclasses import replace
 from pipes import Pipe, points_of
 
 import numpy as np
@@ -10,8 +11,10 @@ from scan2fea.kernel.measures import area
 from scan2fea.kernel.transforms import random_rotation, rigid, rotation_about
 from scan2fea.registration import joined
 from scan2fea.segmentation import SegmentationOptions, segment_scene
-from scan2fea.segmentation.members import members
+from scan2fea.segmentation.extents import extent_of
+from scan2fea.segmentation.members import _to_neighbours, members
 from scan2fea.segmentation.metrics import adjusted_rand, agreement
+from scan2fea.segmentation.pieces import Thin
 from scan2fea.segmentation.sweeps import GAP, directions, refined_axis, run_lengths, slice_profile
 from scan2fea.simulation import shapes
 from scan2fea.simulation.member import MemberScanOptions, member_points
@@ -218,3 +221,27 @@ def test_a_pipe_with_elbows_stays_whole():
     pipe = Pipe(d=0.1, t=0.005, runs=(0.9, 1.2), turns=((np.pi / 2, 0.0),), radius=0.15)
     points, _ = points_of(pipe, 0.009, 0.0005, seed=1, inside=False)
     assert members(points).max() == 0
+
+
+def test_what_stands_out_of_a_beam_in_the_box_of_the_column_under_it_is_the_columns_end():
+    extents = [extent_of(*box_points((4.0, 0.15, 0.3), (0, 0, 3.15))), extent_of(*box_points((0.2, 0.2, 2.95), (0, 0, 1.475)))]
+    end, bracket = box_points((0.2, 0.2, 0.02), (0, 0, 2.98))[0], box_points((0.2, 0.2, 0.02), (1, 0, 2.98))[0]
+    low = np.array([[-2.0, -0.1, 0.0]])  # of the whole cluster
+    moved = [replace(e, middle=e.middle - low[0]) for e in extents]
+    points = np.concatenate([low, end, bracket])
+    thin = Thin(points=points, normals=points, h=0.02, of_point=np.arange(len(points)), spacing=0.02, sigma=1e-3)
+    lies = np.arange(len(points)) > 0
+    labels, still = _to_neighbours(points, np.zeros(len(points), np.int64), lies, moved, thin)
+    n = 1 + len(end)
+    assert (labels[1:n] == 1).all() and not still[1:n].any()
+    assert (labels[n:] == 0).all() and still[n:].all()
+
+
+def box_points(sides, middle, n=2000):
+    """Points on a box, and their normals."""
+    rng = np.random.default_rng(5)
+    axis = rng.integers(0, 3, n)
+    local, normal = rng.uniform(-0.5, 0.5, (n, 3)), np.zeros((n, 3))
+    sign = rng.choice([-1.0, 1.0], n)
+    local[np.arange(n), axis], normal[np.arange(n), axis] = sign / 2, sign
+    return local * sides + middle, normal

@@ -83,6 +83,7 @@ def _of_surfaces(points: FloatArray, thin: Thin, min_points: int, seed: int, sle
     labels = with_openings(thin.points, filled, extents, thin.h, LINK * thin.h)[thin.of_point]
     own = np.unique(labels[filled[thin.of_point] < len(extents)])
     lies = lying_on(points, thin.normals[thin.of_point], filled[thin.of_point], extents, thin.spacing, thin.sigma)
+    labels, lies = _to_neighbours(points, labels, lies, extents, thin)
     labels = _apart(points, labels, lies | ~np.isin(labels, own), LINK * thin.h, min_points)
     counts = np.bincount(labels)
     if (counts < min_points).any():
@@ -313,6 +314,19 @@ def _run_through(thin: Thin, member: IntArray, extents: list[Extent]) -> IntArra
         own = (runs >= _ALONG * extent.length) & (from_ends > best[inside])
         out[inside[own]], best[inside[own]] = k, from_ends[own]
     return out
+
+
+def _to_neighbours(points: FloatArray, labels: IntArray, lies: BoolArray, extents: list[Extent], thin: Thin) -> tuple[IntArray, BoolArray]:
+    """Labels, and what lies on a member still, where parts that lie in the box of another are of that one: the end of a column under its beam."""
+    labels, lies, rows, points = labels.copy(), lies.copy(), np.flatnonzero(lies), points - points.min(axis=0)  # as `thin` has them
+    part = radius_components(points[rows], LINK * thin.h) if len(rows) else rows
+    for p in range(int(part.max(initial=-1)) + 1):
+        mine = rows[part == p]
+        inside = [float(extent.holds(points[mine], 0.5 * thin.h, to_ends=True).mean()) for extent in extents]
+        best = int(np.argmax([share if (labels[mine] != k).all() else 0.0 for k, share in enumerate(inside)]))
+        if inside[best] >= _INSIDE and (labels[mine] != best).all():
+            labels[mine], lies[mine] = best, False
+    return labels, lies
 
 
 def _apart(points: FloatArray, labels: IntArray, free: BoolArray, reach: float, min_points: int) -> IntArray:

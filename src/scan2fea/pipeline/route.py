@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from scan2fea.errors import EstimationError, InputError
+from scan2fea.estimation.abutting import abutting
 from scan2fea.estimation.as_member import without_length
 from scan2fea.estimation.beside import strip_beside
 from scan2fea.estimation.catalogued import catalogued, with_standard_odds
@@ -199,6 +200,8 @@ def _straight(
     if not is_rested:  # no face that its ring of points encloses
         member = standing(seated(measured, member, footings), footings)
     member, fit = (member, fit) if "length" in section.fixed else _ended(scan, member, fit, options, (footings, covers, meets))
+    bare = fit.ends.low.cap_points == 0, fit.ends.high.cap_points == 0
+    member = abutting(member, spacing(measured), covers, bare) if fit.explains and fit.method == "density" else member
     told = fit.explanation
     face_m = face_error(told.pattern_m, told.p_value, fit.section.sigma_m) if fit.method == "density" else 0.0
     cloud, larger = larger_doubt(scan, member, doubt)

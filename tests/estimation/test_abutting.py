@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimation.made import made
-from scan2fea.estimation.abutting import abutting
+from scan2fea.estimation.resting import abutting
 
 
 def test_the_length_of_a_column_under_a_beam_is_known_to_the_beams_flange():

@@ -8,12 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
+from scan2fea.estimation.swept import sweep_of_member
+from scan2fea.kernel.sections import section
 from scan2fea.kernel.transforms import rigid
 from scan2fea.types import FloatArray, Footing, Member
 
 PARALLEL = math.cos(math.radians(3.0))  # a face and the plane it rests on
 REACH_SPACINGS, REACH_SIGMAS = 6.0, 6.0  # how far above its plane the lowest points of a thing may have been cut off
 _TAKEN = 3.0  # bands of a plane, up to which points of the object may have gone to it
+_ASTRAY, _LEAST = 3.5, 8  # spacings beside an end (`segmentation.around` gives no more of the other bodies), and points there
 END = "END"
 
 
@@ -74,6 +77,24 @@ def standing(member: Member, footings: Sequence[Footing]) -> Member:
         moved = _grown(member, length.name, length.value_m + gap, std, np.array([0.0, 0.0, -gap if is_low else 0.0]))
         member = replace(_ended(moved, is_low, normal), seated=(*(name for name in member.seated if name != END), END))
     return member
+
+
+def abutting(member: Member, spacing_m: float, covers: Sequence[FloatArray], is_bare: tuple[bool, bool]) -> Member:
+    """The member, its length less sure where others touch an end: it is known no better than how far their points are, as in `standing`.
+
+    spacing_m : of its own points.   covers : (k, 3) points of each other body around, m.   is_bare : no face seen of the low end, of the high one.
+    """
+    length = member.parameters[-1]
+    if length.std_m is None or not length.observable or length.source == "fixed" or not covers or not any(is_bare):
+        return member
+    corners = np.concatenate(section(member.family, member.values()).loops)
+    local = sweep_of_member(member).coordinates(np.concatenate(covers))
+    local = local[((local[:, :2] >= corners.min(axis=0)) & (local[:, :2] <= corners.max(axis=0))).all(axis=1)]
+    variance = length.std_m**2
+    for beyond in (b for b, bare in ((-local[:, 2], is_bare[0]), (local[:, 2] - length.value_m, is_bare[1])) if bare):
+        near = np.abs(beyond) <= _ASTRAY * spacing_m + REACH_SIGMAS * member.sigma_m
+        variance += float(np.median(beyond[near])) ** 2 / 3 if near.sum() >= _LEAST else 0.0
+    return _grown(member, length.name, length.value_m, math.sqrt(variance), np.zeros(3)) if variance > length.std_m**2 else member
 
 
 def stands_on(member: Member, footing: Footing) -> tuple[bool, float, FloatArray] | None:

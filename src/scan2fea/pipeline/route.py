@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from scan2fea.errors import EstimationError, InputError
-from scan2fea.estimation.abutting import abutting
 from scan2fea.estimation.as_member import without_length
 from scan2fea.estimation.beside import strip_beside
 from scan2fea.estimation.catalogued import catalogued, with_standard_odds
@@ -26,7 +25,7 @@ from scan2fea.estimation.going_on import going_on
 from scan2fea.estimation.joined import NO_PLANE, ended_at, joints
 from scan2fea.estimation.lacking import lack
 from scan2fea.estimation.member import MemberFit, MemberOptions, fit_member
-from scan2fea.estimation.resting import END, rested, standing
+from scan2fea.estimation.resting import END, abutting, rested, standing
 from scan2fea.estimation.seated import seated
 from scan2fea.estimation.several import several_members
 from scan2fea.estimation.systematic import face_error

@@ -322,10 +322,10 @@ def _to_neighbours(points: FloatArray, labels: IntArray, lies: BoolArray, extent
     part = radius_components(points[rows], LINK * thin.h) if len(rows) else rows
     for p in range(int(part.max(initial=-1)) + 1):
         mine = rows[part == p]
-        inside = [float(extent.holds(points[mine], 0.5 * thin.h, to_ends=True).mean()) for extent in extents]
-        best = int(np.argmax([share if (labels[mine] != k).all() else 0.0 for k, share in enumerate(inside)]))
-        if inside[best] >= _INSIDE and (labels[mine] != best).all():
-            labels[mine], lies[mine] = best, False
+        shares = [float(extent.holds(points[mine], 0.5 * thin.h, to_ends=True).mean()) for extent in extents]
+        inside = np.where(np.isin(np.arange(len(extents)), labels[mine]), 0.0, shares)
+        if inside.max() >= _INSIDE:
+            labels[mine], lies[mine] = int(inside.argmax()), False
     return labels, lies
 
 

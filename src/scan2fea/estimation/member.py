@@ -52,7 +52,7 @@ from scan2fea.estimation.ray_noise import freed_of_ray_noise
 from scan2fea.estimation.ray_voids import in_sheets, seen_through
 from scan2fea.estimation.reach import end_rows, reach
 from scan2fea.estimation.rim import BAR_OF, hollow, is_unsure, with_rim
-from scan2fea.estimation.root_fillet import roots_of, squared
+from scan2fea.estimation.root_fillet import roots_of, squared, with_corners
 from scan2fea.estimation.swept import Sweep, sweep_of
 from scan2fea.estimation.systematic import even_spacing, face_error, thinned_spacing, widened
 from scan2fea.estimation.with_rays import compared_by_rays, needs_rays, refined, sensor_inside
@@ -126,7 +126,7 @@ def fit_member(
         return found
     root = roots_of(_checked(scan), again.member, options.seed).fillet
     member = dataclasses.replace(_as_doubtful(again.member, found.member), root=root, families=found.member.families)
-    return dataclasses.replace(again, member=member)
+    return dataclasses.replace(again, member=with_corners(member))
 
 
 def _as_doubtful(member: Member, before: Member) -> Member:

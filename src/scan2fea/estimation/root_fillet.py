@@ -2,7 +2,9 @@
 
 In each corner the distances of the points to the two faces, and to the arc between them, are noise, about where the faces lie there; some points are
 strays. How densely the points lie has no say: near corners one face shades the other, and a face that begins late would pass for a large arc.
-All corners of a member share the radius (EN 10365, EN 10056-1 and EN 10055 state one). The inner corners of an angle's toes are rounded too.
+All corners of a member share the radius (EN 10365, EN 10056-1 and EN 10055 state one). The inner corners of an angle's toes are rounded too. The
+corners of square and rectangular tubes are looked at from outside: an arc between two faces, and the inner skin one wall behind it (EN 10210-2,
+EN 10219-2: the outer radius is 1.5 to 3 walls).
 """
 
 from __future__ import annotations
@@ -20,12 +22,15 @@ from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.sections import edge_names, section, section_area
 from scan2fea.types import FloatArray, IntArray, Member, Parameter, RootFillet, Value
 
+TUBE = "RHS"
 OPEN, WALLS = ("L", "I", "C", "T"), ("t", "tw", "tf")
 LEAST = 0.1  # of the thicker wall: no rolled shape of sections.csv has less (W14X873: 0.107)
 _OF_LEG, _OF_WALL = 0.45, 4.5  # at most, of the free leg and of the thinner wall (sections.csv: UPN 30 has 0.41, M3X2.9 4.1)
+_OF_SIDE = 0.35  # of the shorter side of a tube: its radius at most
 _OF_TOE = 0.75  # of the leg at most is round at its toe (EN 10056-1: half the root radius, up to 0.6)
 _WINDOW, _OF_WINDOW = 1.6, 0.8  # times the largest radius, and of the free leg at most: some of both faces beyond the arc belongs to it
 _SIGMAS = 4.0
+_APART = 3.0  # standard deviations between the skins of a tube
 _CORNER_POINTS, _FEW_POINTS, _FEWEST = 3_000, 400, 30
 _CHANCE = 1e-6  # that points of a sharp corner are so much likelier under an arc
 _CLEAR = 3.0  # standard deviations of the radius from none
@@ -56,10 +61,10 @@ class Roots(Value):
 def roots_of(points: FloatArray, member: Member, seed: int = 0) -> Roots:
     """The root radius that the points (n, 3), metres, are likeliest with, and that of an angle's toes where it has one.
 
-    Members without re-entrant corners, or that change, have none.
+    Members without re-entrant corners that are no tubes, or that change, have none.
     """
     nothing = Roots(fillet=RootFillet(), places=np.zeros((0, 2)), ways=np.zeros((0, 2, 2)), radii=np.zeros(0))
-    if member.family not in OPEN or member.change is not None:
+    if member.family not in (*OPEN, TUBE) or member.change is not None:
         return nothing
     wall = min(p.value_m for p in member.parameters if p.name in WALLS)
     if wall <= RESOLVED * member.sigma_m:
@@ -67,6 +72,12 @@ def roots_of(points: FloatArray, member: Member, seed: int = 0) -> Roots:
     local = sweep_of_member(member).coordinates(points)
     margin = _SIGMAS * member.sigma_m
     xy = local[(local[:, 2] > margin) & (local[:, 2] < member.values()["length"] - margin), :2]
+    if member.family == TUBE and wall <= _APART * member.sigma_m:  # the arcs of both skins are one blur: 9 mm were told as 6.5
+        return replace(nothing, fillet=RootFillet(is_observable=False, most_m=math.inf))
+    if member.family == TUBE:
+        side = min(member.values()["h"], member.values()["b"])
+        tube = _arcs(xy, member, _tube_frames(member), min(_OF_SIDE * side, _OF_WALL * wall), side / 2, seed)
+        return nothing if tube is None else tube
     leg = _free_leg(member)
     found = _arcs(xy, member, _frames(member), min(_OF_LEG * leg, _OF_WALL * wall), leg, seed)
     if found is None:
@@ -87,10 +98,12 @@ def _arcs(xy: FloatArray, member: Member, frames: tuple[FloatArray, FloatArray],
     wall = min(p.value_m for p in walls)
     window = min(_WINDOW * largest + _SIGMAS * member.sigma_m, _OF_WINDOW * leg)
     places, ways = frames
-    near = _in_corners(xy, frames, window, wall, seed)
+    before = wall / 2 if member.family != TUBE else max(wall / 2, _SIGMAS * member.sigma_m)  # nothing lies before the faces of a tube
+    near = _in_corners(xy, frames, window, before, seed)
     told = [k for k, uv in enumerate(near) if len(uv) >= _FEWEST]
-    sigma, is_clear = max(member.sigma_m, _FLOOR * window), wall > _SIGMAS * member.sigma_m
-    corners = [_Corner(uv=near[k], sigma=sigma, window=window, is_clear=is_clear) for k in told]
+    sigma, is_clear = max(member.sigma_m, _FLOOR * window), member.family == TUBE or wall > _SIGMAS * member.sigma_m
+    deep = wall if member.family == TUBE else math.inf
+    corners = [_Corner(uv=near[k], sigma=sigma, window=window, is_clear=is_clear, deep=deep) for k in told]
     if not corners:
         return None
     few = [corner.thinned() for corner in corners]
@@ -104,7 +117,8 @@ def _arcs(xy: FloatArray, member: Member, frames: tuple[FloatArray, FloatArray],
     below, above, most = (_within(corners, best, top, limit) for limit in (-2.0, 2.0, _CLEAR**2 / 2))
     each = float(np.linalg.norm([corner.place_std for corner in corners])) / len(corners)
     noise = max(corner.sigma for corner in corners)
-    halved = _BULGE * noise**2 / (4 * max(best, noise / _SAGITTA))
+    narrowest = max(best, noise / _SAGITTA) if math.isinf(deep) else max(best - deep, noise)
+    halved = _BULGE * noise**2 / (4 * narrowest)
     std = math.hypot((above - below) / 4, _LEVER * each, halved, *(_LEVER * _place_std(p, noise) for p in walls))
     for k, corner in zip(told, corners, strict=True):
         places[k] += corner.shift @ ways[k]
@@ -145,6 +159,22 @@ def squared(points: FloatArray, member: Member, roots: Roots) -> FloatArray:
     return moved
 
 
+def with_corners(member: Member) -> Member:
+    """The member, of a tube h, b and t less sure by what its corner radius is: arcs taken for too small leave points behind the faces.
+
+    A radius larger by d takes 2 FILLET r d from each corner of a skin, a half of that from each face beside it, whose mean place this shifts.
+    """
+    if member.family != TUBE or not member.root.std_m:
+        return member
+    values, r = member.values(), member.root.radius_m
+    h, b, t = values["h"], values["b"], values["t"]
+    between = r - max(r - t, 0.0)
+    by = {"h": 4 * FILLET * r / b, "b": 4 * FILLET * r / h, "t": 4 * FILLET * between / (h + b)}
+    slope = member.root.std_m * np.array([by.get(p.name, 0.0) if p.std_m else 0.0 for p in member.parameters])
+    parameters = tuple(replace(p, std_m=math.hypot(p.std_m, float(x)) if p.std_m else p.std_m) for p, x in zip(member.parameters, slope, strict=True))
+    return replace(member, parameters=parameters, covariance=member.covariance + np.outer(slope, slope))
+
+
 def _in_world(sweep: Sweep, z: FloatArray, way: FloatArray) -> FloatArray:
     """(n, 3) the directions (n, 2) of the section at heights z (n,)."""
     roll = legval((2 * z - sweep.span[0] - sweep.span[1]) / (sweep.span[1] - sweep.span[0]), sweep.roll)
@@ -181,6 +211,12 @@ def _toe_frames(member: Member) -> tuple[FloatArray, FloatArray]:
     return _at_corners(section("L", member.values()).loops[0], np.array([names.index("A_INNER"), names.index("B_TOE")]))
 
 
+def _tube_frames(member: Member) -> tuple[FloatArray, FloatArray]:
+    """The same for the outer corners of a tube: its faces are seen from behind."""
+    loop = section(member.family, member.values()).loops[0]
+    return _at_corners(loop, np.arange(len(loop)))
+
+
 def _at_corners(loop: FloatArray, at: IntArray) -> tuple[FloatArray, FloatArray]:
     after = np.roll(loop, -1, axis=0) - loop
     after /= np.linalg.norm(after, axis=1)[:, None]
@@ -188,12 +224,12 @@ def _at_corners(loop: FloatArray, at: IntArray) -> tuple[FloatArray, FloatArray]
     return loop[at], np.stack([-before[at], after[at]], axis=1)
 
 
-def _in_corners(xy: FloatArray, frames: tuple[FloatArray, FloatArray], window: float, wall: float, seed: int) -> list[FloatArray]:
-    """Per corner the points (k, 2) along and off its faces, from half a wall on one side to the window on the other."""
+def _in_corners(xy: FloatArray, frames: tuple[FloatArray, FloatArray], window: float, before: float, seed: int) -> list[FloatArray]:
+    """Per corner the points (k, 2) along and off its faces, from so far before these to the window behind."""
     out = []
     for place, ways in zip(*frames, strict=True):
         uv = (xy - place) @ ways.T
-        uv = uv[(uv > -wall / 2).all(axis=1) & (uv < window).all(axis=1)]
+        uv = uv[(uv > -before).all(axis=1) & (uv < window).all(axis=1)]
         out.append(uv[sampled_rows(len(uv), _CORNER_POINTS, seed)])
     return out
 
@@ -203,13 +239,15 @@ class _Corner(Value):
     """uv : (k, 2) points.   sigma : noise.   strays : share of the points.   window : how far its faces are looked at.
 
     is_clear : whether its points may tell where its faces lie; of thin walls some are points of the other side.   shift : (2,) of the faces
-    from where the section has them.   place_std : (2,) of that.
+    from where the section has them.   place_std : (2,) of that.   deep : how far behind the faces, and round the same centre, those of a tube's other
+    skin lie.
     """
 
     uv: FloatArray
     sigma: float
     window: float
     is_clear: bool
+    deep: float
     strays: float = 0.05
     shift: FloatArray = field(default_factory=lambda: np.zeros(2))
     place_std: FloatArray = field(default_factory=lambda: np.zeros(2))
@@ -218,39 +256,47 @@ class _Corner(Value):
         return replace(self, uv=self.uv[:: math.ceil(len(self.uv) / _FEW_POINTS)])
 
     def off(self, radius: float) -> FloatArray:
-        """(k,) distance to the faces from where the arc of a radius begins, or to that arc.
+        """(skins, k) distance to the faces from where the arc of a radius begins, or to that arc; and of a tube to those of its other skin.
 
         Points of an arc lie farther from its centre than it does by sigma^2 / 2 r in the mean where noise is alike in all directions, by nothing
-        where it acts along rays that strike head on: half of it is taken.
+        where it acts along rays that strike head on: half of it is taken, and nothing where the arc is lost in the noise.
         """
-        u, v = self.uv.T
+        skins = (0.0,) if math.isinf(self.deep) else (0.0, self.deep)
+        return np.stack([self._off_skin(deep, max(radius - deep, 0.0)) for deep in skins])
+
+    def _off_skin(self, deep: float, radius: float) -> FloatArray:
+        """deep : of the skin behind the faces.   radius : of its arc."""
+        u, v = (self.uv - deep).T
         to_faces = np.minimum(np.hypot(np.minimum(u - radius, 0.0), v), np.hypot(np.minimum(v - radius, 0.0), u))
         if radius <= 0:
             return np.asarray(to_faces)
         is_within = (u < radius) & (v < radius)
-        return np.asarray(np.where(is_within, np.abs(np.hypot(radius - u, radius - v) - radius - self.sigma**2 / (4 * radius)), to_faces))
+        mean = radius + radius * self.sigma**2 / (4 * (radius**2 + self.sigma**2))
+        return np.asarray(np.where(is_within, np.abs(np.hypot(radius - u, radius - v) - mean), to_faces))
 
     def densities(self, radius: float) -> tuple[FloatArray, FloatArray]:
-        """(k,) across the surface, of its points and of strays, per m."""
-        own = (1 - self.strays) / (self.sigma * math.sqrt(2 * math.pi)) * np.exp(-0.5 * np.square(self.off(radius) / self.sigma))
-        return np.asarray(own), np.full(len(own), self.strays / self.window)
+        """((skins, k) across the surface, of the points of each skin, (k,) of strays), per m. Skins have as many points."""
+        off = self.off(radius)
+        own = (1 - self.strays) / (len(off) * self.sigma * math.sqrt(2 * math.pi)) * np.exp(-0.5 * np.square(off / self.sigma))
+        return np.asarray(own), np.full(off.shape[1], self.strays / self.window)
 
     def log_likelihood(self, radius: float) -> float:
         own, stray = self.densities(radius)
-        return float(np.log(own + stray).sum())
+        return float(np.log(own.sum(axis=0) + stray).sum())
 
     def settled_at(self, radius: float) -> _Corner:
         """The corner between its faces as they lie here, under the noise that its own points have about them and about the arc of a radius."""
         here = self
         for _ in range(_SETTLES):
             own, stray = here.densities(radius)
-            whose = own / (own + stray)
-            sigma = max(math.sqrt(float(whose @ np.square(here.off(radius))) / max(float(whose.sum()), 1e-300)), _FLOOR * self.window)
+            skins = own / (own.sum(axis=0) + stray)
+            sigma = max(math.sqrt(float((skins * np.square(here.off(radius))).sum()) / max(float(skins.sum()), 1e-300)), _FLOOR * self.window)
+            whose = skins.sum(axis=0)
             here = replace(here, sigma=sigma, strays=float(np.clip(1 - whose.mean(), _FEWEST_STRAYS, _MOST_STRAYS)))
             if not self.is_clear:
                 continue
             u, v = here.uv.T
-            on = np.stack([whose * ((v > radius) & (np.abs(u) < v)), whose * ((u > radius) & (np.abs(v) < u))])
+            on = np.stack([skins[0] * ((v > radius) & (np.abs(u) < v)), skins[0] * ((u > radius) & (np.abs(v) < u))])
             n = np.maximum(on.sum(axis=1), 1.0)
             shift = (on * here.uv.T).sum(axis=1) / n
             here = replace(here, uv=here.uv - shift, shift=here.shift + shift, place_std=sigma / np.sqrt(n))
@@ -265,7 +311,8 @@ def _slope(corners: list[_Corner], ways: FloatArray, radius: float) -> float:
     slopes: list[tuple[int, float, float]] = []
     for corner, way in zip(corners, ways, strict=True):
         for along, uv in enumerate((corner.uv, corner.uv[:, ::-1])):
-            far = uv[(uv[:, 0] > radius) & (np.abs(uv[:, 1]) < _SIGMAS * corner.sigma + _STEEPEST * (uv[:, 0] - radius))]
+            reach = np.minimum(_SIGMAS * corner.sigma + _STEEPEST * (uv[:, 0] - radius), corner.deep / 2)
+            far = uv[(uv[:, 0] > radius) & (np.abs(uv[:, 1]) < reach)]
             if len(far) >= _FEWEST:
                 x = far[:, 0] - far[:, 0].mean()
                 slopes.append((int(np.abs(way[along]).argmax()), float(x @ far[:, 1] / (x @ x)), float(x @ x) / corner.sigma**2))

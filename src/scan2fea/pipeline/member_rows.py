@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from scan2fea.estimation.given import Given
-from scan2fea.estimation.root_fillet import OPEN
+from scan2fea.estimation.root_fillet import OPEN, TUBE
 from scan2fea.types import Member
 from scan2fea.units import MILLIMETRES_PER_METRE
 
@@ -112,15 +112,15 @@ def damaged(member: Member) -> str:
 
 
 def rooted(member: Member) -> str:
-    """The root fillets that the solid has though no dimension of the section says so, or that it may lack."""
-    root = member.root
+    """The root fillets, or of a tube the round corners, that the solid has though no dimension of the section says so, or that it may lack."""
+    root, what = member.root, "outer corner radii" if member.family == TUBE else "root fillets"
     if root.radius_m:
         std = f" +- {root.std_m * MILLIMETRES_PER_METRE:.2g}" if root.std_m else ""
-        return f"; with root fillets of {root.radius_m * MILLIMETRES_PER_METRE:.4g}{std} mm" + (" as given" if root.source == "fixed" else "")
-    if member.family not in OPEN or root.is_observable or root.source == "fixed":
+        return f"; with {what} of {root.radius_m * MILLIMETRES_PER_METRE:.4g}{std} mm" + (" as given" if root.source == "fixed" else "")
+    if member.family not in (*OPEN, TUBE) or root.is_observable or root.source == "fixed":
         return ""
     most = f"; they have at most {root.most_m * MILLIMETRES_PER_METRE:.2g} mm" if math.isfinite(root.most_m) else ""
-    return f"; root fillets are not observable, built with sharp corners{most}"
+    return f"; {what} are not observable, built with sharp corners{most}"
 
 
 def change_row(member: Member) -> dict[str, Any] | None:

@@ -104,8 +104,9 @@ def relative_volume_std(member: Member) -> float:
     """Standard deviation of section area x length over its value, from the covariance of the dimensions; what is not observable does not count."""
     values = member.values()
     shape, by_dimension = outline(member.family, values, member.root.radius_m), section_area_slopes(member.family, values)
-    area, n_roots = outline_area(shape), sum(name.startswith("ROOT") for name in shape.names)
-    by_root = 2 * (1 - math.pi / 4) * n_roots * member.root.radius_m * member.root.std_m * values["length"]
+    area, root = outline_area(shape), member.root
+    less = outline(member.family, values, max(root.radius_m - root.std_m, 0.0))  # more might not fit
+    by_root = (area - outline_area(less)) * values["length"]
     by_toes = 2 * (1 - math.pi / 4) * member.root.toe_m**2 * values["length"]  # which are round, and the solid's are not
     by_parameter = np.array([area if p.name == "length" else values["length"] * by_dimension[p.name] for p in member.parameters])
     return math.hypot(math.sqrt(max(float(by_parameter @ member.covariance @ by_parameter), 0.0)), by_root, by_toes) / (area * values["length"])

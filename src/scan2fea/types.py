@@ -417,7 +417,7 @@ class RootFillet(Value):
 
     is_observable : whether the points tell a radius, or that there is none.   most_m : no larger radius goes with the points (three standard
     deviations), inf where they do not tell.   source : "fitted", or "fixed" (the user gave it).   toe_m : radius of
-    an angle's toes, which its solid leaves sharp.
+    an angle's toes, which its solid leaves sharp, toe_std_m of it.   toe_source : of that: "fitted", or "assumed" (half the root radius, EN 10056-1).
     """
 
     radius_m: float = 0.0
@@ -426,6 +426,8 @@ class RootFillet(Value):
     most_m: float = math.inf
     source: str = "fitted"
     toe_m: float = 0.0
+    toe_std_m: float = 0.0
+    toe_source: str = "fitted"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -126,7 +126,7 @@ def fit_member(
         return found
     root = roots_of(_checked(scan), again.member, options.seed).fillet
     member = dataclasses.replace(_as_doubtful(again.member, found.member), root=root, families=found.member.families)
-    return dataclasses.replace(again, member=with_corners(member))
+    return dataclasses.replace(again, member=with_corners(member, found.member))
 
 
 def _as_doubtful(member: Member, before: Member) -> Member:

@@ -28,6 +28,7 @@ LEAST = 0.1  # of the thicker wall: no rolled shape of sections.csv has less (W1
 _OF_LEG, _OF_WALL = 0.45, 4.5  # at most, of the free leg and of the thinner wall (sections.csv: UPN 30 has 0.41, M3X2.9 4.1)
 _OF_SIDE = 0.35  # of the shorter side of a tube: its radius at most
 _OF_TOE = 0.75  # of the leg at most is round at its toe (EN 10056-1: half the root radius, up to 0.6)
+_TOE_OF_ROOT = 0.5  # the toes' radius that EN 10056-1 gives rolled angles, where noise hides it
 _WINDOW, _OF_WINDOW = 1.6, 0.8  # times the largest radius, and of the free leg at most: some of both faces beyond the arc belongs to it
 _SIGMAS = 4.0
 _APART = 3.0  # standard deviations between the skins of a tube
@@ -84,16 +85,21 @@ def roots_of(points: FloatArray, member: Member, seed: int = 0) -> Roots:
         return nothing
     if member.family != "L" or not found.fillet.radius_m:
         return found
-    toes = _arcs(xy, member, _toe_frames(member), _OF_TOE * wall, wall, seed)
+    toes = _arcs(xy, member, _toe_frames(member), _OF_TOE * wall, wall, seed, usual=_TOE_OF_ROOT * found.fillet.radius_m)
     if toes is None or not toes.fillet.radius_m:
         return found
-    fillet = replace(found.fillet, toe_m=toes.fillet.radius_m)
+    fillet = replace(found.fillet, toe_m=toes.fillet.radius_m, toe_std_m=toes.fillet.std_m, toe_source=toes.fillet.source)
     places, ways, radii = (np.concatenate(both) for both in ((found.places, toes.places), (found.ways, toes.ways), (found.radii, toes.radii)))
     return Roots(fillet=fillet, places=places, ways=ways, radii=radii)
 
 
-def _arcs(xy: FloatArray, member: Member, frames: tuple[FloatArray, FloatArray], largest: float, leg: float, seed: int) -> Roots | None:
-    """The radius up to the `largest` that all corners of the frames share; None where hardly a point lies there. leg : of their shortest face."""
+def _arcs(
+    xy: FloatArray, member: Member, frames: tuple[FloatArray, FloatArray], largest: float, leg: float, seed: int, usual: float = 0.0
+) -> Roots | None:
+    """The radius up to the `largest` that all corners of the frames share; None where hardly a point lies there. leg : of their shortest face.
+
+    usual : a radius that is taken wherever it goes with the points (three standard deviations); half of it is uncertain where they tell none.
+    """
     walls = [p for p in member.parameters if p.name in WALLS]
     wall = min(p.value_m for p in walls)
     window = min(_WINDOW * largest + _SIGMAS * member.sigma_m, _OF_WINDOW * leg)
@@ -120,11 +126,18 @@ def _arcs(xy: FloatArray, member: Member, frames: tuple[FloatArray, FloatArray],
     narrowest = max(best, noise / _SAGITTA) if math.isinf(deep) else max(best - deep, noise)
     halved = _BULGE * noise**2 / (4 * narrowest)
     std = math.hypot((above - below) / 4, _LEVER * each, halved, *(_LEVER * _place_std(p, noise) for p in walls))
-    for k, corner in zip(told, corners, strict=True):
-        places[k] += corner.shift @ ways[k]
     least = max(_CLEAR * std, LEAST * max(p.value_m for p in walls), noise / _SAGITTA)
     slope = _slope(corners, ways[told], best)
-    if 2 * (top - sharp) > chdtri(1, _CHANCE) and best > least and slope <= _PARALLEL:
+    is_told = 2 * (top - sharp) > chdtri(1, _CHANCE) and best > least and slope <= _PARALLEL
+    as_usual = [corner.settled_at(usual) for corner in corners] if usual else []
+    is_hidden = wall - usual < _SIGMAS * noise  # what is flat beside the arc tells its own place no more
+    is_usual = bool(as_usual) and (is_hidden or (2 * (top - _score(as_usual, usual)) < _CLEAR**2 and slope <= _PARALLEL))
+    for k, corner in zip(told, as_usual if is_usual else corners, strict=True):
+        places[k] += corner.shift @ ways[k]
+    if is_usual:
+        fillet = RootFillet(radius_m=usual, std_m=std if is_told and not is_hidden else usual / 2, source="assumed")
+        return Roots(fillet=fillet, places=places, ways=ways, radii=np.full(len(places), usual))
+    if is_told:
         fillet = RootFillet(radius_m=best, std_m=std, is_observable=True, most_m=most)
         return Roots(fillet=fillet, places=places, ways=ways, radii=np.full(len(places), best))
     most = max(most, least) if slope <= _PARALLEL else math.inf
@@ -159,18 +172,26 @@ def squared(points: FloatArray, member: Member, roots: Roots) -> FloatArray:
     return moved
 
 
-def with_corners(member: Member) -> Member:
+def with_corners(member: Member, sharp: Member) -> Member:
     """The member, of a tube h, b and t less sure by what its corner radius is: arcs taken for too small leave points behind the faces.
 
     A radius larger by d takes 2 FILLET r d from each corner of a skin, a half of that from each face beside it, whose mean place this shifts.
+    An angle with round toes is less sure by as much of what these have moved it from the `sharp` one as their radius is not known.
     """
+    if member.root.toe_m:
+        before, share = sharp.values(), member.root.toe_std_m / member.root.toe_m
+        return _widened(member, share * np.array([p.value_m - before[p.name] if p.std_m else 0.0 for p in member.parameters]))
     if member.family != TUBE or not member.root.std_m:
         return member
     values, r = member.values(), member.root.radius_m
     h, b, t = values["h"], values["b"], values["t"]
     between = r - max(r - t, 0.0)
     by = {"h": 4 * FILLET * r / b, "b": 4 * FILLET * r / h, "t": 4 * FILLET * between / (h + b)}
-    slope = member.root.std_m * np.array([by.get(p.name, 0.0) if p.std_m else 0.0 for p in member.parameters])
+    return _widened(member, member.root.std_m * np.array([by.get(p.name, 0.0) if p.std_m else 0.0 for p in member.parameters]))
+
+
+def _widened(member: Member, slope: FloatArray) -> Member:
+    """slope : (k,) by how much one standard deviation of what is not known moves each parameter, metres."""
     parameters = tuple(replace(p, std_m=math.hypot(p.std_m, float(x)) if p.std_m else p.std_m) for p, x in zip(member.parameters, slope, strict=True))
     return replace(member, parameters=parameters, covariance=member.covariance + np.outer(slope, slope))
 

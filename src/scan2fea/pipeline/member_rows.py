@@ -38,6 +38,8 @@ def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Giv
             "source": member.root.source,
             "most_m": member.root.most_m,
             "toe_m": member.root.toe_m,
+            "toe_std_m": member.root.toe_std_m or None,
+            "toe_source": member.root.toe_source,
         },
         "covariance_m2": np.asarray(member.covariance).tolist(),
         "catalogue": [

@@ -23,6 +23,7 @@ def sphere_scan(n=3000, radius=0.1, sigma=0.0003, seed=3):
 
 
 FAST = ["--set", "remeshing.max_faces=1500", "--set", "run.jobs=1"]
+FACETS = ["--set", "cad.true_faces=false", "--set", "cad.patches=false"]  # where nothing is asked of the faces: they take a third of a run
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +122,7 @@ def test_agreement_of_two_inputs_is_in_the_report(tmp_path):
 def test_bad_input_beside_a_good_one(tmp_path):
     np.savetxt(tmp_path / "good.xyz", sphere_scan(), fmt="%.6f")
     (tmp_path / "bad.las").write_bytes(b"LASF" + bytes(50))
-    assert main(["run", str(tmp_path / "bad.las"), str(tmp_path / "good.xyz"), "-o", str(tmp_path / "OUT"), *FAST]) == 0
+    assert main(["run", str(tmp_path / "bad.las"), str(tmp_path / "good.xyz"), "-o", str(tmp_path / "OUT"), *FAST, *FACETS]) == 0
     bad, good = report_of(tmp_path / "OUT")["inputs"]
     assert not bad["used"] and "bad.las" in bad["reason"]
     assert good["used"]
@@ -129,7 +130,7 @@ def test_bad_input_beside_a_good_one(tmp_path):
 
 def test_closed_mesh_enters_at_repair(tmp_path, done):
     stl = done[0] / "OUT" / "objects" / "01" / "surface.stl"
-    assert main(["run", str(stl), "-o", str(tmp_path / "OUT"), *FAST]) == 0
+    assert main(["run", str(stl), "-o", str(tmp_path / "OUT"), *FAST, *FACETS]) == 0
     report = report_of(tmp_path / "OUT")
     jsonschema.validate(report, report_schema())
     assert next(s["name"] for s in report["stages"] if s["object"]) == "repair"
@@ -139,8 +140,7 @@ def test_a_mesh_that_crosses_itself(tmp_path):
     given = spiral()
     lines = ["v {:.9g} {:.9g} {:.9g}".format(*v) for v in given.vertices] + ["f {} {} {}".format(*(f + 1)) for f in given.faces]
     (tmp_path / "wound.obj").write_text("\n".join(lines))
-    facets = ["--set", "cad.true_faces=false", "--set", "cad.patches=false"]  # its faces are asked of nowhere here, and take 80 s
-    assert main(["run", str(tmp_path / "wound.obj"), "-o", str(tmp_path / "OUT"), "--unit", "m", *FAST, *facets]) == 0
+    assert main(["run", str(tmp_path / "wound.obj"), "-o", str(tmp_path / "OUT"), "--unit", "m", *FAST, *FACETS]) == 0
     row = report_of(tmp_path / "OUT")["objects"][0]
     assert row["verdict"] == "converted"
     assert "could not be repaired" in row["reason"] and "fTetWild" in row["reason"]

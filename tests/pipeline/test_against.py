@@ -44,7 +44,7 @@ def ran(tmp_path_factory):
     (folder / "plate.step").write_text(step_of_solid(step_plate(), 1e-6)[0])
     mesh, _ = triangles_of(step_plate(thick_mm=12.8), np.zeros(3), 1e-5)
     write_mesh_ply(folder / "made.ply", TriangleMesh(vertices=applied(T, mesh.vertices), faces=mesh.faces))
-    text = f"[run]\njobs = 1\n[fea]\nsupports = ['FLOR']\n[[object]]\nid = 1\nstep = '{folder / 'plate.step'}'\n"
+    text = f"[run]\njobs = 1\n[fea]\nsupports = ['FLOR']\n[tetmeshing]\nmax_elements = 5000\n[[object]]\nid = 1\nstep = '{folder / 'plate.step'}'\n"
     (folder / "set.toml").write_text(text)
     code = main(["run", str(folder / "made.ply"), "--unit", "m", "-c", str(folder / "set.toml"), "-o", str(folder / "out")])
     return code, json.loads((folder / "out" / "report.json").read_text()), folder / "out"

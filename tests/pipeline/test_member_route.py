@@ -99,8 +99,9 @@ def test_a_member_runs_to_its_files(tmp_path) -> None:
 
 
 def test_reconstruction_can_be_asked_for(tmp_path) -> None:
-    write_scan_ply(tmp_path / "angle.ply", angle_scan(12_000))
-    report = run([tmp_path / "angle.ply"], tmp_path / "out", load_config(None, {"run.jobs": 1, "route.mode": "reconstruction"}))
+    write_scan_ply(tmp_path / "angle.ply", angle_scan(2000))
+    config = load_config(None, {"run.jobs": 1, "route.mode": "reconstruction", "cad.true_faces": False, "cad.patches": False})
+    report = run([tmp_path / "angle.ply"], tmp_path / "out", config)
     (row,) = report["objects"]
     assert row["route"] == "reconstruction" and "route.mode" in row["route_reason"]
     assert not (tmp_path / "out" / "frame.json").exists()

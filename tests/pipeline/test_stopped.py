@@ -18,7 +18,7 @@ from scan2fea.pipeline.config import load_config
 from scan2fea.pipeline.run import run
 from scan2fea.report.schema import report_schema
 
-SETTINGS = {"remeshing.max_faces": 1500, "run.jobs": 1, "input.unit": "m"}
+SETTINGS = {"remeshing.max_faces": 1000, "cad.true_faces": False, "cad.patches": False, "run.jobs": 1, "input.unit": "m"}
 
 
 @pytest.fixture(scope="module")

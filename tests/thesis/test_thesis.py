@@ -176,9 +176,9 @@ class TestClouds:
 
     def test_the_quick_beam_has_the_section_of_the_whole_one(self, bench):
         shape = beam_solid(bench).shape
-        assert shape.parameters == {"a": 0.127, "b": 0.127, "t": 0.00635, "length": 0.15}
+        assert shape.parameters == {"a": 0.127, "b": 0.127, "t": 0.00635, "length": 0.1}
         points = beam_points(bench, "zero")
-        assert len(points) == pytest.approx((2 * 0.254 * 0.15 + 2 * 0.0015726) / DENSE_M**2, rel=0.03)
+        assert len(points) == pytest.approx((2 * 0.254 * 0.1 + 2 * 0.0015726) / DENSE_M**2, rel=0.03)
 
     def test_the_clusters_of_the_zero_noise_lab(self, bench):
         found = treated(bench, "zero")

@@ -157,9 +157,10 @@ def _by_place(row: FloatArray, basis: FloatArray, n_values: int, n_curve: tuple[
 def round_levels(xy: FloatArray, thetas: FloatArray, radius_factors: FloatArray, parts: FloatArray, area: float) -> FloatArray:
     """(g,) log likelihoods at each of `thetas` (g, q), the member straight and all circles alike."""
     basis, whole, none = np.ones((len(xy), 1)), np.ones(len(radius_factors)), np.zeros(0, np.int64)
+    zero = len(none)  # numba would compile all of it once more for the constants 0 and VALUE
     found = np.empty(len(thetas))
     for g in range(len(thetas)):
-        found[g] = round_sums(xy, basis, thetas[g], (0, 0, 0), whole, none, radius_factors, parts, area, VALUE)[0]
+        found[g] = round_sums(xy, basis, thetas[g], (zero, zero, zero), whole, none, radius_factors, parts, area, VALUE + zero)[0]
     return found
 
 

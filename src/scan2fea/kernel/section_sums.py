@@ -108,9 +108,10 @@ def straight_levels(
 ) -> FloatArray:
     """(g,) log likelihoods at each of `thetas` (g, q), the member straight and all faces alike; otherwise as `straight_sums`."""
     basis, whole, none = np.ones((len(xy), 1)), np.ones(len(edges)), np.zeros(0, np.int64)
+    zero = len(none)  # numba would compile all of it once more for the constants 0 and VALUE
     found = np.empty(len(thetas))
     for g in range(len(thetas)):
-        found[g] = straight_sums(xy, basis, thetas[g], (0, 0, 0), whole, none, x_factors, y_factors, edges, parts, area, VALUE)[0]
+        found[g] = straight_sums(xy, basis, thetas[g], (zero, zero, zero), whole, none, x_factors, y_factors, edges, parts, area, VALUE + zero)[0]
     return found
 
 

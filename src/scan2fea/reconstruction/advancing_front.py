@@ -34,7 +34,7 @@ def front(tetra: Tetrahedralisation, normals: FloatArray | None = None, wedge_ra
 
     normals : (n, 3) outward: triangles must face the side that their corners do, so that the front does not cross a wall; None for the plain front.
     """
-    side = np.zeros((0, 3)) if normals is None else np.ascontiguousarray(normals)
+    side = np.zeros((0, 3)) if normals is None else np.array(normals)
     radii = facet_radii(tetra.points, tetra.tets, tetra.neighbors, tetra.circumcentre, tetra.circumradius, tetra.n_input)
     one = (tetra.neighbors > np.arange(len(tetra))[:, None]) & np.isfinite(radii)
     rows = np.flatnonzero(one.ravel())

@@ -98,7 +98,8 @@ def _along(edges: IntArray, n_vertices: int) -> tuple[IntArray, IntArray]:
 
 def run(mesh: TriangleMesh, method: OnSurface, iterations: int) -> tuple[TriangleMesh, Relaxed]:
     """The mesh with its vertices moved and its edges turned by the method (which must be one of the kernel's methods); regions go with the faces."""
-    method.reconnected(np.asarray(mesh.vertices))
-    found = relax(np.asarray(mesh.vertices), method, iterations=iterations)  # type: ignore[arg-type]
+    points = np.array(mesh.vertices)  # a copy: numba compiles kernels anew for arrays that are read-only, as those of a mesh are
+    method.reconnected(points)
+    found = relax(points, method, iterations=iterations)  # type: ignore[arg-type]
     region = mesh.face_region if method.reference is not None else None
     return replace(mesh, vertices=found.points, faces=method.faces, face_region=region, face_origin=None, deviation_m=None), found

@@ -11,6 +11,8 @@ from scan2fea.thesis.clouds import beam_points
 from scan2fea.thesis.measured import Measured, measured
 from scan2fea.types import FloatArray, TriangleMesh
 
+QUICK_ITERATIONS = 40  # of Lloyd and of ODT, in a quick run
+
 
 def first_mesh(bench: Bench, case: str, mesh: str) -> TriangleMesh:
     """The first mesh, before holes are patched."""
@@ -31,7 +33,8 @@ def normals_of(bench: Bench, case: str) -> FloatArray:
 
 def steps(bench: Bench, case: str, mesh: str, *, held: bool = False) -> dict[str, Step]:
     """Every step of the chain that could be made, by name."""
-    options = ChainOptions(clock_s=bench.options.clock_s, held=held, seed=bench.options.seed)
+    most = QUICK_ITERATIONS if bench.options.quick else ChainOptions.lloyd
+    options = ChainOptions(lloyd=most, odt=most, clock_s=bench.options.clock_s, held=held, seed=bench.options.seed)
     found = bench.kept(f"chain {case} {mesh}{' held' * held}", lambda: chain(first_mesh(bench, case, mesh), options))
     return {step.name: step for step in found}
 

@@ -37,7 +37,7 @@ def _shadowed(seed):
 
 def test_planes_and_sight_lines_carry_a_part_over_a_shadow_that_misleads_the_first_surface():
     """Of three draws one at least, of which the first surface is told to be wrong: of one, on one processor, a sight line in a hundred is blocked."""
-    for seed in (3, 1, 2):
+    for seed in (1, 2, 3):
         scan = _shadowed(seed)
         found = reconstruct(scan)
         assert failed(found.checks) or found.how["method"] == "planar"

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from scan2fea.errors import UsageError
+from scan2fea.estimation.table import shipped_table
 from scan2fea.fea.section_mesh import section_mesh
 from scan2fea.fea.section_properties import properties_of
 from scan2fea.kernel.outline import outline, outline_area
+from scan2fea.types import RootFillet
 
 L = ("L", {"a": 0.127, "b": 0.127, "t": 0.00635})
 GIRDER = ("I", {"h": 0.2, "b": 0.1, "tw": 0.0056, "tf": 0.0085})
@@ -100,14 +102,27 @@ def test_every_rolled_section_of_the_table_has_its_area():
     assert len(rows) > 20
     for row in rows[:: max(1, len(rows) // 12)]:
         values = {name: float(row[f"{name}_mm"]) * 1e-3 for name in ("h", "b", "tw", "tf")}
-        p = properties_of("I", values, float(row["r_mm"]) * 1e-3, level=0)
+        p = properties_of("I", values, RootFillet(radius_m=float(row["r_mm"]) * 1e-3), level=0)
         assert p.area * 1e6 == pytest.approx(float(row["area_mm2"]), rel=1e-3), row["name"]
+
+
+@pytest.mark.parametrize(
+    ("name", "slope", "of_root", "told"),
+    [("IPN 200", 0.14, 0.6, (3340, 2140, 117)), ("IPN 400", 0.14, 0.6, (11800, 29210, 1160)), ("UPN 200", 0.08, 0.5, (3220, 1910, 148))],
+)
+def test_sloping_flanges_and_round_toes_are_those_of_the_mills_table(name, slope, of_root, told):
+    """EN 10365: area in mm2, second moments about y and z in cm4; three digits."""
+    shape = shipped_table().named(name)
+    root = RootFillet(radius_m=shape.root_radius_m, toe_m=of_root * shape.root_radius_m, slope=slope)
+    p = properties_of(shape.family, shape.parameters, root)
+    assert p.area == pytest.approx(outline_area(outline(shape.family, shape.parameters, root.radius_m, root.toe_m, slope)), rel=2e-5)
+    assert [p.area * 1e6, p.ixx * 1e8, p.iyy * 1e8] == pytest.approx(told, rel=5e-3)
 
 
 @pytest.mark.parametrize(("section", "radius"), [(L, 0.012), (GIRDER, 0.012), (C, 0.01), (T, 0.012), (RHS, 0.003), (RHS, 0.0075)])
 def test_fillets_keep_the_area_of_the_outline(section, radius):
     shape = outline(*section, radius)
-    p = properties_of(*section, radius)
+    p = properties_of(*section, RootFillet(radius_m=radius))
     assert p.area == pytest.approx(outline_area(shape), rel=2e-5)
     sharp = properties_of(*section)
     assert (p.j < sharp.j) if section is RHS and radius > 0.005 else (p.j != sharp.j)

@@ -108,6 +108,9 @@ def _root_row(root: RootFillet) -> Parameter:
 def _facts(member: Member) -> list[tuple[str, str]]:
     noise = f"sigma {member.sigma_m * MILLIMETRES_PER_METRE:.3g} mm, {member.noise}"
     rows = [("noise", f"{noise}; {member.outlier_share:.1%} of the points belong to something else")]
+    if member.root.slope:
+        percent = f"{100 * member.root.slope:.3g} +- {100 * member.root.slope_std:.2g} %"
+        rows.append(("flanges", f"slope by {percent}; tf is in the middle of what stands out"))
     rows.append(("axis", _axis(member)))
     rows += [("section", _change(member.change))] if member.change is not None else []
     rows += [("bends" if k == 0 else "", _bend(bend)) for k, bend in enumerate(member.bends)]

@@ -35,7 +35,8 @@ def is_orthogonal(loops: list[FloatArray]) -> bool:
 def rectangle_grid(loops: list[FloatArray], chamfers: Sequence[FloatArray], edge_m: float) -> Grid:
     """An orthogonal section: cut at every corner and about every `edge_m` between. Raises StageError where an edge is oblique.
 
-    chamfers : (3, 2) each, start, corner and end of a triangle that fills a re-entrant corner of `loops`, in the order of the outline.
+    chamfers : (3, 2) each, start, corner and end of a triangle that fills a re-entrant corner of `loops`, or is cut off another, in the order of the
+    outline.
     """
     require(is_orthogonal(loops), StageError, "only sections whose edges run along two axes are cut into rectangles")
     corners = np.concatenate([*loops, *chamfers])
@@ -45,12 +46,24 @@ def rectangle_grid(loops: list[FloatArray], chamfers: Sequence[FloatArray], edge
     a = i * len(ys) + j
     b, c, d = a + len(ys), a + len(ys) + 1, a + 1
     triangles = np.stack([a, b, c, a, c, d], axis=1).reshape(-1, 3)
+    points = np.stack(np.meshgrid(xs, ys, indexing="ij"), axis=-1).reshape(-1, 2)
+    for start, corner, end in chamfers:
+        is_cut = _turn(start, corner, end) > 0
+        if is_cut:
+            middle = points[triangles].mean(1)
+            low, high = np.minimum(start, end), np.maximum(start, end)
+            triangles = triangles[~((middle > low) & (middle < high)).all(1)]
+        within = start + end - corner if is_cut else corner
+        triangles = np.concatenate([triangles, ears(points, _border(points, start, within, end))])
     used, packed = np.unique(triangles, return_inverse=True)
-    points = np.stack([xs[used // len(ys)], ys[used % len(ys)]], axis=1)
-    triangles = packed.reshape(-1, 3).astype(np.int64)
-    for chamfer in chamfers:
-        triangles = np.concatenate([triangles, ears(points, _border(points, *chamfer))])
+    points, triangles = points[used], packed.reshape(-1, 3).astype(np.int64)
     return _with_rim(points, triangles, [_chamfered(loop, chamfers) for loop in loops])
+
+
+def _turn(start: FloatArray, corner: FloatArray, end: FloatArray) -> float:
+    """Above 0 where the way turns left."""
+    (ax, ay), (bx, by) = corner - start, end - corner
+    return float(ax * by - ay * bx)
 
 
 def _border(points: FloatArray, start: FloatArray, corner: FloatArray, end: FloatArray) -> list[int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -87,7 +87,7 @@ def _wanted(solid: Solid) -> float:
 
 
 def _grid(solid: Solid, edge_m: float) -> Grid:
-    """Rings for round sections, strips for tubes with rounded corners, else rectangles with the fillets in their corners."""
+    """Rings for round sections, strips for tubes with rounded corners, else rectangles with fillets in their corners, sloped as flanges."""
     loops = list(solid.loops)
     if solid.shape.family in ROUND:
         return ring_grid(loops, edge_m)
@@ -96,11 +96,15 @@ def _grid(solid: Solid, edge_m: float) -> Grid:
     if len(loops) == 2:
         return strip_grid(loops, edge_m)
     curved = {edge.name for edge in solid.shape.loops[0] if edge.centre is not None}
-    return rectangle_grid(*_sharp(loops[0], solid.loop_names[0], curved), edge_m)
+    slant = solid.shape.slant
+    if slant is None:
+        return rectangle_grid(*_sharp(loops[0], solid.loop_names[0], curved), edge_m)
+    level = rectangle_grid(*_sharp(slant.level(loops[0]), solid.loop_names[0], curved), edge_m)
+    return replace(level, points=slant.sloped(np.asarray(level.points)))
 
 
 def _sharp(corners: FloatArray, names: tuple[str, ...], curved: set[str]) -> tuple[list[FloatArray], list[FloatArray]]:
-    """The polygon without its chamfers, and each of these: (3, 2) its start, the corner it fills, its end."""
+    """The polygon without its chamfers, and each of these: (3, 2) its start, the corner it fills or cuts off, its end."""
     sharp, chamfers = [], []
     for k, name in enumerate(names):
         if name in curved:

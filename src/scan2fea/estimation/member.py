@@ -53,6 +53,7 @@ from scan2fea.estimation.ray_voids import in_sheets, seen_through
 from scan2fea.estimation.reach import end_rows, reach
 from scan2fea.estimation.rim import BAR_OF, hollow, is_unsure, with_rim
 from scan2fea.estimation.root_fillet import roots_of, squared, with_corners
+from scan2fea.estimation.slopes import at_middle, parallel, slope_of
 from scan2fea.estimation.swept import Sweep, sweep_of
 from scan2fea.estimation.systematic import even_spacing, face_error, thinned_spacing, widened
 from scan2fea.estimation.with_rays import compared_by_rays, needs_rays, refined, sensor_inside
@@ -60,7 +61,7 @@ from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.pinned import SEEN, pinned
 from scan2fea.kernel.section_likelihood import face_lengths, faces
 from scan2fea.kernel.sections import PARAMETERS
-from scan2fea.types import FloatArray, Member, Scan, Value
+from scan2fea.types import FloatArray, Member, RootFillet, Scan, Value
 
 _SOLID = {**BAR_OF, "C": "rect", "I": "rect", "L": "rect", "T": "rect"}
 _BLIND = "the sheet is thinner than two sigma of the noise; it may have been seen from one side only"
@@ -117,16 +118,33 @@ def fit_member(
     `explains` False.
     """
     found = _sharp(scan, options, fixed, nominal, covers)
-    roots = roots_of(_checked(scan), found.member, options.seed)
+    pivot = found.member
+    scan, found, slope = _with_parallel_flanges(scan, found, options, fixed, nominal, covers)
+    roots = roots_of(_checked(scan), found.member, options.seed, slope)
     if not roots.fillet.radius_m:
         return dataclasses.replace(found, member=dataclasses.replace(found.member, root=roots.fillet))
     moved = dataclasses.replace(scan, cloud=scan.cloud.replaced(points=squared(scan.cloud.points, found.member, roots)))
     again = _sharp(moved, dataclasses.replace(options, family=found.member.family), fixed, nominal, covers)
     if not again.explains and found.explains:
-        return found
-    root = roots_of(_checked(scan), again.member, options.seed).fillet
+        return dataclasses.replace(found, member=dataclasses.replace(found.member, root=RootFillet(slope=slope[0], slope_std=slope[1])))
+    root = roots_of(_checked(scan), again.member, options.seed, slope).fillet
     member = dataclasses.replace(_as_doubtful(again.member, found.member), root=root, families=found.member.families)
-    return dataclasses.replace(again, member=with_corners(member, found.member))
+    return dataclasses.replace(again, member=at_middle(with_corners(member, found.member), pivot))
+
+
+def _with_parallel_flanges(
+    scan: Scan, found: MemberFit, options: MemberOptions, fixed: Mapping[str, float] | None, nominal: Mapping[str, float] | None, covers: Covers
+) -> tuple[Scan, MemberFit, tuple[float, float]]:
+    """Of flanges that slope: the points as parallel ones would have them, the fit to these, the slope and its standard deviation; else as it was."""
+    slope, std = slope_of(_checked(scan), found.member, options.seed)
+    if not slope:
+        return scan, found, (0.0, 0.0)
+    moved = dataclasses.replace(scan, cloud=scan.cloud.replaced(points=parallel(scan.cloud.points, found.member, slope)))
+    again = _sharp(moved, dataclasses.replace(options, family=found.member.family), fixed, nominal, covers)
+    if found.explains and not again.explains:
+        return scan, found, (0.0, 0.0)
+    member = dataclasses.replace(again.member, families=found.member.families)
+    return moved, dataclasses.replace(again, member=member), (slope, std)
 
 
 def _as_doubtful(member: Member, before: Member) -> Member:

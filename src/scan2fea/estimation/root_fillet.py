@@ -13,13 +13,13 @@ import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.polynomial.legendre import legval
 from scipy.special import chdtri
 
 from scan2fea.estimation.observability import RESOLVED
-from scan2fea.estimation.swept import Sweep, sweep_of_member
+from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.noise import sampled_rows
-from scan2fea.kernel.sections import edge_names, section, section_area
+from scan2fea.kernel.outline import flange_span, re_entrant, toe_corners
+from scan2fea.kernel.sections import section, section_area
 from scan2fea.types import FloatArray, IntArray, Member, Parameter, RootFillet, Value
 
 TUBE = "RHS"
@@ -28,9 +28,10 @@ LEAST = 0.1  # of the thicker wall: no rolled shape of sections.csv has less (W1
 _OF_LEG, _OF_WALL = 0.45, 4.5  # at most, of the free leg and of the thinner wall (sections.csv: UPN 30 has 0.41, M3X2.9 4.1)
 _OF_SIDE = 0.35  # of the shorter side of a tube: its radius at most
 _OF_TOE = 0.75  # of the leg at most is round at its toe (EN 10056-1: half the root radius, up to 0.6)
-_TOE_OF_ROOT = 0.5  # the toes' radius that EN 10056-1 gives rolled angles, where noise hides it
+_TOE_OF_ROOT = {"L": 0.5, "I": 0.6, "C": 0.5}  # radii of toes of angles, IPN and UPN (EN 10056-1, EN 10365)
 _WINDOW, _OF_WINDOW = 1.6, 0.8  # times the largest radius, and of the free leg at most: some of both faces beyond the arc belongs to it
 _SIGMAS = 4.0
+_FLAT = 8.0  # standard deviations of the noise: shorter faces beside arcs do not tell where they lie well enough to ask for a radius
 _APART = 3.0  # standard deviations between the skins of a tube
 _CORNER_POINTS, _FEW_POINTS, _FEWEST = 3_000, 400, 30
 _CHANCE = 1e-6  # that points of a sharp corner are so much likelier under an arc
@@ -59,11 +60,19 @@ class Roots(Value):
     radii: FloatArray
 
 
-def roots_of(points: FloatArray, member: Member, seed: int = 0) -> Roots:
-    """The root radius that the points (n, 3), metres, are likeliest with, and that of an angle's toes where it has one.
+def roots_of(points: FloatArray, member: Member, seed: int = 0, slope: tuple[float, float] = (0.0, 0.0)) -> Roots:
+    """The root radius that the points (n, 3), metres, are likeliest with, and that of the toes of an angle or of sloping flanges that have one.
 
-    Members without re-entrant corners that are no tubes, or that change, have none.
+    slope : of flanges, and its standard deviation; the points are as parallel ones would have them (`slopes.parallel`), where arcs of a radius end
+    nearer to the corner. Members without re-entrant corners that are no tubes, or that change, have none.
     """
+    found = _roots_of(points, member, seed, slope[0])
+    times, own = 1 / math.tan((math.pi / 2 - math.atan(slope[0])) / 2), found.fillet
+    lengths = {name: times * getattr(own, name) for name in ("radius_m", "std_m", "most_m", "toe_m", "toe_std_m")}
+    return replace(found, fillet=replace(own, **lengths, slope=slope[0], slope_std=slope[1]))
+
+
+def _roots_of(points: FloatArray, member: Member, seed: int, slope: float) -> Roots:
     nothing = Roots(fillet=RootFillet(), places=np.zeros((0, 2)), ways=np.zeros((0, 2, 2)), radii=np.zeros(0))
     if member.family not in (*OPEN, TUBE) or member.change is not None:
         return nothing
@@ -83,9 +92,10 @@ def roots_of(points: FloatArray, member: Member, seed: int = 0) -> Roots:
     found = _arcs(xy, member, _frames(member), min(_OF_LEG * leg, _OF_WALL * wall), leg, seed)
     if found is None:
         return nothing
-    if member.family != "L" or not found.fillet.radius_m:
+    if not (member.family == "L" or slope) or not found.fillet.radius_m:
         return found
-    toes = _arcs(xy, member, _toe_frames(member), _OF_TOE * wall, wall, seed, usual=_TOE_OF_ROOT * found.fillet.radius_m)
+    toe, usual = _toe_thickness(member, slope), _TOE_OF_ROOT[member.family] * found.fillet.radius_m
+    toes = _arcs(xy, member, _toe_frames(member), _OF_TOE * toe, toe, seed, usual)
     if toes is None or not toes.fillet.radius_m:
         return found
     fillet = replace(found.fillet, toe_m=toes.fillet.radius_m, toe_std_m=toes.fillet.std_m, toe_source=toes.fillet.source)
@@ -130,7 +140,7 @@ def _arcs(
     slope = _slope(corners, ways[told], best)
     is_told = 2 * (top - sharp) > chdtri(1, _CHANCE) and best > least and slope <= _PARALLEL
     as_usual = [corner.settled_at(usual) for corner in corners] if usual else []
-    is_hidden = wall - usual < _SIGMAS * noise  # what is flat beside the arc tells its own place no more
+    is_hidden = leg - usual < _FLAT * noise  # what is flat beside the arc tells its own place no more
     is_usual = bool(as_usual) and (is_hidden or (2 * (top - _score(as_usual, usual)) < _CLEAR**2 and slope <= _PARALLEL))
     for k, corner in zip(told, as_usual if is_usual else corners, strict=True):
         places[k] += corner.shift @ ways[k]
@@ -138,6 +148,7 @@ def _arcs(
         fillet = RootFillet(radius_m=usual, std_m=std if is_told and not is_hidden else usual / 2, source="assumed")
         return Roots(fillet=fillet, places=places, ways=ways, radii=np.full(len(places), usual))
     if is_told:
+        std = max(std, abs(usual - best)) if usual else std  # faces this short tell it less well than they seem to
         fillet = RootFillet(radius_m=best, std_m=std, is_observable=True, most_m=most)
         return Roots(fillet=fillet, places=places, ways=ways, radii=np.full(len(places), best))
     most = max(most, least) if slope <= _PARALLEL else math.inf
@@ -168,7 +179,7 @@ def squared(points: FloatArray, member: Member, roots: Roots) -> FloatArray:
         along = off + (radius_m - off) * (1 - angle)
         is_first = left[:, 0] < left[:, 1]  # near the face that runs along the first way
         to = np.where(is_first[:, None], np.stack([along, off], axis=1), np.stack([off, along], axis=1))
-        moved[near] += _in_world(sweep, local[near, 2], (to - uv[near]) @ ways)
+        moved[near] += sweep.in_world(local[near, 2], (to - uv[near]) @ ways)
     return moved
 
 
@@ -176,7 +187,7 @@ def with_corners(member: Member, sharp: Member) -> Member:
     """The member, of a tube h, b and t less sure by what its corner radius is: arcs taken for too small leave points behind the faces.
 
     A radius larger by d takes 2 FILLET r d from each corner of a skin, a half of that from each face beside it, whose mean place this shifts.
-    An angle with round toes is less sure by as much of what these have moved it from the `sharp` one as their radius is not known.
+    A section with round toes is less sure by as much of what these have moved it from the `sharp` one as their radius is not known.
     """
     if member.root.toe_m:
         before, share = sharp.values(), member.root.toe_std_m / member.root.toe_m
@@ -196,40 +207,33 @@ def _widened(member: Member, slope: FloatArray) -> Member:
     return replace(member, parameters=parameters, covariance=member.covariance + np.outer(slope, slope))
 
 
-def _in_world(sweep: Sweep, z: FloatArray, way: FloatArray) -> FloatArray:
-    """(n, 3) the directions (n, 2) of the section at heights z (n,)."""
-    roll = legval((2 * z - sweep.span[0] - sweep.span[1]) / (sweep.span[1] - sweep.span[0]), sweep.roll)
-    cos, sin = np.cos(roll), np.sin(roll)
-    turned = np.stack([cos * way[:, 0] - sin * way[:, 1], sin * way[:, 0] + cos * way[:, 1]], axis=1)
-    return np.asarray(turned @ sweep.T_world_frame[:3, :2].T)
+def _toe_thickness(member: Member, slope: float) -> float:
+    """How thick a leg, or a flange of that slope, is at its toe, metres."""
+    values = member.values()
+    if member.family == "L":
+        return values["t"]
+    near, far = flange_span(member.family, values)
+    return values["tf"] - slope * (far - near) / 2
 
 
 def _free_leg(member: Member) -> float:
     """The shortest face beside a re-entrant corner, metres; of one with such a corner at either end, half."""
     shape = section(member.family, member.values()).loops[0]
-    is_root = _is_root(shape)
+    is_root = np.isin(np.arange(len(shape)), re_entrant(shape))
     length = np.linalg.norm(np.roll(shape, -1, axis=0) - shape, axis=1)
     ends = is_root.astype(int) + np.roll(is_root, -1)
     return float((length / np.maximum(ends, 1))[ends > 0].min())
 
 
-def _is_root(loop: FloatArray) -> FloatArray:
-    """(k,) whether the section is re-entrant at a corner of its outline (k, 2)."""
-    after = np.roll(loop, -1, axis=0) - loop
-    before = np.roll(after, 1, axis=0)
-    return np.asarray(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0] < 0)
-
-
 def _frames(member: Member) -> tuple[FloatArray, FloatArray]:
     """Per re-entrant corner its place (k, 2) in the section and the directions (k, 2, 2) along its faces away from it."""
     loop = section(member.family, member.values()).loops[0]
-    return _at_corners(loop, np.flatnonzero(_is_root(loop)))
+    return _at_corners(loop, re_entrant(loop))
 
 
 def _toe_frames(member: Member) -> tuple[FloatArray, FloatArray]:
-    """The same for the inner corners of an angle's toes."""
-    names = edge_names("L")[0]
-    return _at_corners(section("L", member.values()).loops[0], np.array([names.index("A_INNER"), names.index("B_TOE")]))
+    """The same for the inner corners of toes."""
+    return _at_corners(section(member.family, member.values()).loops[0], toe_corners(member.family))
 
 
 def _tube_frames(member: Member) -> tuple[FloatArray, FloatArray]:

@@ -11,7 +11,7 @@ import numpy as np
 from scan2fea.errors import InternalError, require
 from scan2fea.estimation.grid import ears
 from scan2fea.kernel.distances import PointToMesh
-from scan2fea.kernel.outline import Edge, Outline, outline
+from scan2fea.kernel.outline import Edge, Outline, outline_of
 from scan2fea.kernel.sections import ROUND
 from scan2fea.kernel.sweep import Sweep, stations, sweep_of, swept_points
 from scan2fea.options import option
@@ -45,8 +45,8 @@ class Solid(Value):
     """mesh : closed, manifold, oriented; its face_region numbers `face_names`.   chord_m : how far the mesh may lie from the true member.
 
     shape : the outline with true arcs.   sweep, mesh_sweep : how it runs, and how the corners of polygons that stand for circles do.
-    wall_m : the thinnest wall.   loops : (k, 2) polygons of the section that the mesh sweeps, outside first; loop_names : the face over each of
-    their edges.
+    wall_m : the thinnest wall.
+    loops : (k, 2) polygons of the section that the mesh sweeps, outside first; loop_names : the face over each of their edges.
     """
 
     mesh: TriangleMesh
@@ -67,7 +67,7 @@ def solid_of(member: Member, options: SolidOptions = SolidOptions()) -> Solid:
     """
     sweep = sweep_of(member)
     values = member.values()
-    shape = outline(member.family, values, root_radius(member, options))
+    shape = outline_of(member, options.root_radius_m)
     wall = thinnest_wall(values)
     n = options.n_chords or _n_chords(values, sweep.length_m, member.sigma_m)
     loops = _polygons(shape, n)
@@ -87,11 +87,6 @@ def solid_of(member: Member, options: SolidOptions = SolidOptions()) -> Solid:
         loops=tuple(points for points, _ in loops),
         loop_names=tuple(of for _, of in loops),
     )
-
-
-def root_radius(member: Member, options: SolidOptions) -> float:
-    """The radius of its root fillets, metres: as it was given, else as the points tell."""
-    return member.root.radius_m if options.root_radius_m is None else options.root_radius_m
 
 
 def swept(member: Member, options: SolidOptions = SolidOptions()) -> TriangleMesh:

@@ -40,6 +40,13 @@ class Sweep(Value):
             local[:, :2] = self.stretch.undone(local[:, :2], np.interp(local[:, 2], self.knots_m, self.growth_m))
         return local
 
+    def in_world(self, z: FloatArray, way: FloatArray) -> FloatArray:
+        """(n, 3) the directions (n, 2) of the section at heights z (n,)."""
+        roll = legendre.legval((2 * z - self.span[0] - self.span[1]) / (self.span[1] - self.span[0]), self.roll)
+        cos, sin = np.cos(roll), np.sin(roll)
+        turned = np.stack([cos * way[:, 0] - sin * way[:, 1], sin * way[:, 0] + cos * way[:, 1]], axis=1)
+        return np.asarray(turned @ self.T_world_frame[:3, :2].T)
+
     def rebased(self, low: float, high: float) -> Sweep:
         """The same sweep over z = low .. high, in the frame whose z is its straight part, x the section's and origin on the axis at low."""
         degree = max(self.axis.shape[1], len(self.roll)) - 1

@@ -20,7 +20,7 @@ from scan2fea.fea.beam_theory import buckling_loads, tip_under_force, tip_under_
 from scan2fea.fea.near_beam import NearBeams
 from scan2fea.fea.section_properties import SectionProperties, properties_of
 from scan2fea.kernel.sections import PARAMETERS
-from scan2fea.types import FloatArray, Material, Member, Value
+from scan2fea.types import FloatArray, Material, Member, RootFillet, Value
 
 N_ELEMENTS = 12  # of the beam whose frequencies are found for each sample: the first three within 0.1 %
 N_FREQUENCIES = 4
@@ -76,7 +76,7 @@ def budget(member: Member, material: Material, force_n: float, n_samples: int, s
         covariance[n, n] = member.root.std_m**2
     std = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
     held = {ROOT: member.root.radius_m, **dict(zip(names, centre.tolist(), strict=True))}
-    model = _SectionModel(member.family, held, dict(zip(names, std.tolist(), strict=True)))
+    model = _SectionModel(member.family, held, dict(zip(names, std.tolist(), strict=True)), member.root)
     length = names.index("length")
 
     def response(values: FloatArray) -> dict[str, float]:
@@ -144,16 +144,16 @@ class _SectionModel:
     dimensions, through the exact figures at the estimate.
     """
 
-    def __init__(self, family: str, values: Mapping[str, float], std: Mapping[str, float]) -> None:
+    def __init__(self, family: str, values: Mapping[str, float], std: Mapping[str, float], root: RootFillet = RootFillet()) -> None:
         self._names = [name for name in (*PARAMETERS[family], ROOT) if std.get(name, 0.0) > 0]
         self._family, self._values = family, {name: values[name] for name in (*PARAMETERS[family], ROOT)}
-        self._exact = properties_of(family, self._values, self._values[ROOT])
+        self._exact = properties_of(family, self._values, root)
         if not self._names:
             return
         step = [min(max(_STEP_SD * std[n] / values[n], _LEAST_STEP), _MOST_STEP) for n in self._names]
         offsets = _design(len(step)) * np.log1p(np.array(step))
         moved = [self._moved(x) for x in offsets]
-        rows = [self._row(properties_of(family, values, values[ROOT], level=0)) for values in moved]
+        rows = [self._row(properties_of(family, values, replace(root, radius_m=values[ROOT]), level=0)) for values in moved]
         change = np.array(rows) - rows[0]
         self._factors = np.linalg.lstsq(_terms(offsets), change, rcond=None)[0]
         self._base = self._row(self._exact)

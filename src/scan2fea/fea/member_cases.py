@@ -75,7 +75,7 @@ def member_cases(
     if member.change is not None:
         return list(rows), []
     values = member.values()
-    p = properties_of(member.family, {n: values[n] for n in PARAMETERS[member.family]}, member.root.radius_m)
+    p = properties_of(member.family, {n: values[n] for n in PARAMETERS[member.family]}, member.root)
     found = budget(member, model.material, options.test_force_n, options.n_samples, options.seed)
     is_slender = values["length"] >= SLENDER * 2 * float(p.reach.max())
     numbers = _beam_modes(model, np.asarray(member.T_world_member)[:3, :2], shapes)

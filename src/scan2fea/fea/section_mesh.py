@@ -62,16 +62,25 @@ def _coarse(shape: Outline) -> _Coarse:
 
 
 def _rectangles(shape: Outline) -> _Coarse:
-    """Rectangles between the lines of all sides and the cuts beside re-entrant corners, and a triangular patch in every fillet."""
-    loops = [_sharp(loop) for loop in shape.loops]
-    fillets = [_fillet(loop, k) for loop in shape.loops for k, edge in enumerate(loop) if edge.centre is not None]
+    """Rectangles between the lines of all sides and the cuts beside re-entrant corners, a patch in every fillet and under every rounded toe; of
+    sloping flanges all but the arcs is made of level ones.
+    """
+    slant = shape.slant
+    true = [_sharp(loop) for loop in shape.loops]
+    loops = true if slant is None else [slant.level(loop) for loop in true]
+    arcs = [edge for loop in shape.loops for edge in loop if edge.centre is not None]
+    fillets = [_fillet(arc, true, shape) for arc in arcs]
     corners = np.concatenate(loops)
     size = float(np.ptp(corners, axis=0).max())
     walls = [_distinct(corners[:, axis], _SAME * size) for axis in (0, 1)]
     wall = min(float(np.diff(w).min()) for w in walls)
     xs, ys = (_cuts(walls[axis], _reentrant(loops)[:, axis], fillets, axis, wall, size) for axis in (0, 1))
     middle = np.stack(np.meshgrid((xs[:-1] + xs[1:]) / 2, (ys[:-1] + ys[1:]) / 2, indexing="ij"), axis=-1).reshape(-1, 2)
-    i, j = (a.ravel()[_inside(loops, middle)] for a in np.meshgrid(np.arange(len(xs) - 1), np.arange(len(ys) - 1), indexing="ij"))
+    toes = [np.sort(fillet.ends, axis=0) for fillet in fillets if fillet.is_toe]
+    is_left = ~np.any([((middle > low) & (middle < high)).all(1) for low, high in toes] or [np.zeros(len(middle), bool)], axis=0)
+    i, j = (a.ravel()[np.intersect1d(_inside(loops, middle), np.flatnonzero(is_left))] for a in np.meshgrid(
+        np.arange(len(xs) - 1), np.arange(len(ys) - 1), indexing="ij"
+    ))  # fmt: skip
     a = i * len(ys) + j
     b, c, d = a + len(ys), a + len(ys) + 1, a + 1
     # diagonals in both directions: a symmetric section gets a symmetric mesh
@@ -79,8 +88,9 @@ def _rectangles(shape: Outline) -> _Coarse:
     one = np.where(flip[:, None], np.stack([a, b, d], 1), np.stack([a, b, c], 1))
     two = np.where(flip[:, None], np.stack([b, c, d], 1), np.stack([a, c, d], 1))
     grid = np.stack([np.repeat(xs, len(ys)), np.tile(ys, len(xs))], axis=1)
+    grid = grid if slant is None else slant.sloped(grid)
     parts = [_Coarse(points=grid, triangles=np.concatenate([one, two]), arcs=np.zeros((0, 4)))]
-    parts += [_fillet_patch(*fillet) for fillet in fillets]
+    parts += [_fillet_patch(fillet.within, fillet.arc) for fillet in fillets]
     return _joined(parts, _SAME * size)
 
 
@@ -105,26 +115,46 @@ def _reentrant(loops: Sequence[FloatArray]) -> FloatArray:
     return np.concatenate(found)
 
 
-def _fillet(loop: Sequence[Edge], k: int) -> tuple[FloatArray, Edge]:
-    """(corner that the arc fills, arc)."""
-    arc = loop[k]
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Fillet(Value):
+    """arc : that rounds a corner.   ends : (2, 2) where it begins and ends, and corner : (2,), where flanges are level.   within : (2,) of the patch
+    beside the arc, the corner that opposes it.   is_toe : whether the arc cuts its corner off.
+    """
+
+    arc: Edge
+    ends: FloatArray
+    corner: FloatArray
+    within: FloatArray
+    is_toe: bool
+
+
+def _fillet(arc: Edge, loops: Sequence[FloatArray], shape: Outline) -> _Fillet:
     if arc.centre is None:
         raise InternalError("a fillet without a centre")
     middle = (arc.start + arc.end) / 2 - arc.centre
-    return np.asarray(arc.centre + middle / math.cos(arc.turn / 2) ** 2), arc
+    corners = np.concatenate(loops)
+    corner = corners[np.linalg.norm(corners - arc.centre - middle / math.cos(arc.turn / 2) ** 2, axis=1).argmin()]
+    level = np.stack([arc.start, arc.end, corner])
+    level = level if shape.slant is None else shape.slant.level(level)
+    opposed = level[0] + level[1] - level[2]
+    within = corner if arc.turn < 0 else opposed if shape.slant is None else shape.slant.sloped(opposed[None])[0]
+    return _Fillet(arc=arc, ends=level[:2], corner=level[2], within=within, is_toe=arc.turn > 0)
 
 
-def _cuts(lines: FloatArray, corners: FloatArray, fillets: list[tuple[FloatArray, Edge]], axis: int, wall: float, size: float) -> FloatArray:
+def _cuts(lines: FloatArray, corners: FloatArray, fillets: Sequence[_Fillet], axis: int, wall: float, size: float) -> FloatArray:
     """Coordinates of all cuts along one axis: the sides, the fillets evenly, graded beside re-entrant corners, long cells in five."""
     cuts = [lines]
     if fillets:
-        for corner, arc in fillets:
-            for end in (arc.start, arc.end):
-                cuts.append(corner[axis] + (end - corner)[axis] * np.arange(FILLET_CUTS + 1) / FILLET_CUTS)
+        for fillet in fillets:
+            for end in fillet.ends:
+                cuts.append(fillet.corner[axis] + (end - fillet.corner)[axis] * np.arange(FILLET_CUTS + 1) / FILLET_CUTS)
     kept = _distinct(np.concatenate(cuts), _SAME * size).tolist()  # these must be hit, the others only where there is room
     sharp = [] if fillets else np.unique(corners).tolist()
     wished = [c + sign * wall * g for of, grades in ((sharp, GRADES), (lines.tolist(), EDGES)) for c in of for g in grades for sign in (-1, 1)]
+    spans = [np.sort(fillet.ends[:, axis]) for fillet in fillets]
     for cut in wished:
+        if any(low < cut < high for low, high in spans):
+            continue
         near = min(abs(cut - k) for k in kept)
         own = min(abs(cut - c) for c in lines)
         if lines[0] < cut < lines[-1] and near > 0.45 * own:

@@ -16,7 +16,7 @@ from scipy.sparse.linalg import splu
 
 from scan2fea.fea.section_mesh import LEVEL, SectionMesh, section_mesh
 from scan2fea.kernel.outline import Outline, outline
-from scan2fea.types import FloatArray, IntArray, Value
+from scan2fea.types import FloatArray, IntArray, RootFillet, Value
 
 # seven points of degree 5 on a triangle (Radon 1948)
 _A, _B = (6 - math.sqrt(15)) / 21, (6 + math.sqrt(15)) / 21
@@ -73,9 +73,9 @@ class SectionProperties(Value):
         return (self.ixx + self.iyy) / self.area + float(self.eccentricity @ self.eccentricity)
 
 
-def properties_of(family: str, values: Mapping[str, float], root_radius_m: float = 0.0, level: int = LEVEL) -> SectionProperties:
+def properties_of(family: str, values: Mapping[str, float], root: RootFillet = RootFillet(), level: int = LEVEL) -> SectionProperties:
     """Of a family of kernel.sections with the given dimensions, metres. Raises UsageError where these make no section."""
-    return section_properties(outline(family, values, root_radius_m), level)
+    return section_properties(outline(family, values, root.radius_m, root.toe_m, root.slope), level)
 
 
 def section_properties(shape: Outline, level: int = LEVEL) -> SectionProperties:

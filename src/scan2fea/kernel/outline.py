@@ -12,8 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from scan2fea.errors import UsageError, require
-from scan2fea.kernel.sections import ROUND, check_section, section
-from scan2fea.types import FloatArray, Value
+from scan2fea.kernel.sections import ROUND, check_section, edge_names, section
+from scan2fea.types import FloatArray, IntArray, Member, Value
+
+SLOPING = ("I", "C")  # families whose flanges may slope
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -33,12 +35,54 @@ class Edge(Value):
         return 0.0 if self.centre is None else float(np.linalg.norm(self.start - self.centre))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Slant(Value):
+    """How inner faces of flanges slope: by `slope` about the middle of what stands out from near to far along x, metres, where they are tf thick.
+
+    h : height of the section.
+    """
+
+    slope: float
+    near: float
+    far: float
+    tf: float
+    h: float
+
+    @staticmethod
+    def of(family: str, values: Mapping[str, float], slope: float) -> Slant | None:
+        """None for sections that have no such faces."""
+        if family not in SLOPING or not slope:
+            return None
+        near, far = flange_span(family, values)
+        return Slant(slope=slope, near=near, far=far, tf=values["tf"], h=values["h"])
+
+    def thickness(self, x: FloatArray) -> FloatArray:
+        """(n,) of the flange at x (n,), within the web as beside it."""
+        across = np.clip(np.abs(x), self.near, self.far)
+        return np.asarray(self.tf + self.slope * ((self.near + self.far) / 2 - across))
+
+    def sloped(self, points: FloatArray) -> FloatArray:
+        """(n, 2) points of a section with parallel flanges where they lie in the sloping one: flanges and web stretch along y."""
+        return self._stretched(points, np.full(len(points), self.tf), self.thickness(points[:, 0]))
+
+    def level(self, points: FloatArray) -> FloatArray:
+        """The way back from `sloped`, to 1e-12 m, so that faces are exactly level."""
+        return np.round(self._stretched(points, self.thickness(points[:, 0]), np.full(len(points), self.tf)), 12)
+
+    def _stretched(self, points: FloatArray, old: FloatArray, new: FloatArray) -> FloatArray:
+        """Depths below the outer faces up to `old` become up to `new`, deeper ones share the rest."""
+        depth = self.h / 2 - np.abs(points[:, 1])
+        deep = np.where(depth <= old, depth * new / old, new + (depth - old) * (self.h / 2 - new) / (self.h / 2 - old))
+        return np.stack([points[:, 0], np.sign(points[:, 1]) * (self.h / 2 - deep)], axis=1)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Outline(Value):
-    """loops : the outer one first, counter-clockwise; holes clockwise."""
+    """loops : the outer one first, counter-clockwise; holes clockwise.   slant : of sloping flanges."""
 
     family: str
     loops: tuple[tuple[Edge, ...], ...]
+    slant: Slant | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -46,25 +90,60 @@ class Outline(Value):
         return tuple(dict.fromkeys(edge.name for loop in self.loops for edge in loop))
 
 
-def outline(family: str, values: Mapping[str, float], root_radius_m: float = 0.0) -> Outline:
+def outline(family: str, values: Mapping[str, float], root_radius_m: float = 0.0, toe_radius_m: float = 0.0, slope: float = 0.0) -> Outline:
     """The outline of a section. root_radius_m : of the fillets where leg, web and flange meet; of RHS the outer corner radius, the wall being even.
 
-    Raises UsageError as `kernel.sections.check_section`, and where a fillet does not fit.
+    toe_radius_m : of the inner corners of the toes of L, I and C.   slope : of the inner faces of the flanges of I and C, which are tf thick in the
+    middle of what stands out of the web. Raises UsageError as `kernel.sections.check_section`, and where a fillet does not fit.
     """
     check_section(family, values)
-    require(math.isfinite(root_radius_m) and root_radius_m >= 0, UsageError, f"root radius is {root_radius_m} m; it must be 0 or more")
+    for name, value in (("root radius", root_radius_m), ("toe radius", toe_radius_m)):
+        require(math.isfinite(value) and value >= 0, UsageError, f"{name} is {value} m; it must be 0 or more")
     if family in ROUND:
         radii = [values["d"] / 2] if family == "round" else [values["d"] / 2, values["d"] / 2 - values["t"]]
         return Outline(
             family=family, loops=tuple((_circle(name, r, sign),) for name, r, sign in zip(("OUTER", "INNER"), radii, (1, -1), strict=False))
         )
     shape = section(family, values)
-    loops = []
-    for number, (loop, names) in enumerate(zip(shape.loops, shape.face_names, strict=True)):
-        radius = root_radius_m if family != "RHS" or number == 0 else max(0.0, root_radius_m - values["t"])
-        arcs = "ROOT" if family != "RHS" else "CORNER" if number == 0 else "INNER_CORNER"
-        loops.append(_rounded(loop, names, radius, arcs, every=family == "RHS"))
-    return Outline(family=family, loops=tuple(loops))
+    if family == "RHS":
+        loops = []
+        for loop, names, radius, arcs in zip(
+            shape.loops, shape.face_names, (root_radius_m, max(0.0, root_radius_m - values["t"])), ("CORNER", "INNER_CORNER"), strict=True
+        ):
+            loops.append(_rounded(loop, names, {arcs: (radius, np.arange(len(loop)))}))
+        return Outline(family=family, loops=tuple(loops))
+    (loop,), (names,), slant = shape.loops, shape.face_names, Slant.of(family, values, slope)
+    if slant is not None:
+        says = f"flanges of slope {slope:.3g} that are {values['tf']:.6g} m thick in the middle have no thickness at their toes"
+        require(slant.thickness(loop[:, 0]).min() > 0, UsageError, says)
+        loop = slant.sloped(loop)
+    arcs_at = {"ROOT": (root_radius_m, re_entrant(loop)), "TOE_CORNER": (toe_radius_m, toe_corners(family))}
+    return Outline(family=family, loops=(_rounded(loop, names, arcs_at),), slant=slant)
+
+
+def outline_of(member: Member, root_radius_m: float | None = None) -> Outline:
+    """The outline of a member with its fillets and slopes. root_radius_m : in place of its own."""
+    root = member.root
+    return outline(member.family, member.values(), root.radius_m if root_radius_m is None else root_radius_m, root.toe_m, root.slope)
+
+
+def flange_span(family: str, values: Mapping[str, float]) -> tuple[float, float]:
+    """From where to where flanges of I and C stand out of the web, metres along x of the section."""
+    return (values["tw"] / 2, values["b"] / 2) if family == "I" else (values["tw"], values["b"])
+
+
+def re_entrant(loop: FloatArray) -> IntArray:
+    """Which corners of an outline (k, 2) are re-entrant."""
+    after = np.roll(loop, -1, axis=0) - loop
+    before = np.roll(after, 1, axis=0)
+    return np.flatnonzero(before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0] < 0)
+
+
+def toe_corners(family: str) -> IntArray:
+    """Which corners of the outer loop lie between a toe and an inner face, of L, I and C."""
+    names = edge_names(family)[0]
+    meets = [("TOE" in names[i - 1]) != ("TOE" in name) and "INNER" in names[i - 1] + name for i, name in enumerate(names)]
+    return np.flatnonzero(np.array(meets) & (family in ("L", *SLOPING)))
 
 
 def _circle(name: str, radius: float, sign: int) -> Edge:
@@ -72,26 +151,29 @@ def _circle(name: str, radius: float, sign: int) -> Edge:
     return Edge(name=name, start=at, end=at, centre=np.zeros(2), turn=sign * 2 * math.pi)
 
 
-def _rounded(loop: FloatArray, names: tuple[str, ...], radius: float, arcs: str, *, every: bool) -> tuple[Edge, ...]:
-    """The polygon with its re-entrant corners (or `every` corner) replaced by arcs of `radius`, named after `arcs`: ROOT_1, ..."""
+def _rounded(loop: FloatArray, names: tuple[str, ...], arcs: Mapping[str, tuple[float, IntArray]]) -> tuple[Edge, ...]:
+    """The polygon with corners replaced by arcs, by the name of each sort its radius and its corners: ROOT_1, ..."""
     n = len(loop)
     along = np.roll(loop, -1, axis=0) - loop
     length = np.linalg.norm(along, axis=1)
     unit = along / length[:, None]
     before = np.roll(unit, 1, axis=0)
     turn = np.arctan2(before[:, 0] * unit[:, 1] - before[:, 1] * unit[:, 0], (before * unit).sum(1))
-    is_cut = (np.full(n, True) if every else turn < 0) & (radius > 0)
-    back = np.where(is_cut, radius * np.tan(np.abs(turn) / 2), 0.0)
+    radius, arc = np.zeros(n), dict[int, str]()
+    for name, (size, at) in arcs.items():
+        radius[at] = size
+        arc |= {i: f"{name}_{k}" for k, i in enumerate(at.tolist(), start=1) if size > 0}
+    back = radius * np.tan(np.abs(turn) / 2)
     room = length - back - np.roll(back, -1)
-    says = f"a root radius of {radius:.6g} m does not fit the section: an edge is only {length.min():.6g} m long"
+    sizes = " and a ".join(f"{name.lower().replace('_', ' ')} radius of {size:.6g} m" for name, (size, _) in arcs.items() if size > 0)
+    says = f"a {sizes} does not fit the section: an edge is only {length.min():.6g} m long"
     require((room > 0).all(), UsageError, says)
     edges: list[Edge] = []
     for i in range(n):
-        if is_cut[i]:
-            side = np.array([-before[i][1], before[i][0]]) * math.copysign(radius, turn[i])
+        if i in arc:
+            side = np.array([-before[i][1], before[i][0]]) * math.copysign(radius[i], turn[i])
             start, end = loop[i] - back[i] * before[i], loop[i] + back[i] * unit[i]
-            number = 1 + sum(edge.centre is not None for edge in edges)
-            edges.append(Edge(name=f"{arcs}_{number}", start=start, end=end, centre=start + side, turn=float(turn[i])))
+            edges.append(Edge(name=arc[i], start=start, end=end, centre=start + side, turn=float(turn[i])))
         j = (i + 1) % n
         edges.append(Edge(name=names[i], start=loop[i] + back[i] * unit[i], end=loop[j] - back[j] * unit[i]))
     return tuple(edges)

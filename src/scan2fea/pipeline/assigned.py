@@ -16,7 +16,7 @@ from scan2fea.estimation.table import Table
 from scan2fea.io.files import existing_file
 from scan2fea.kernel.distances import sample_surface
 from scan2fea.kernel.measures import volume
-from scan2fea.kernel.outline import outline, outline_area
+from scan2fea.kernel.outline import outline_area, outline_of
 from scan2fea.kernel.sections import PARAMETERS
 from scan2fea.pipeline.known import KnownObject
 from scan2fea.pipeline.route import KnownSection
@@ -74,7 +74,7 @@ def _of_nominal(path: Path, seed: int) -> tuple[str, dict[str, float]]:
 
 def _same_volume(member: Member, drawn_m3: float, no_member: str) -> dict[str, float]:
     values = member.values()
-    made = outline_area(outline(member.family, values, member.root.radius_m)) * values["length"]
+    made = outline_area(outline_of(member)) * values["length"]
     says = f"{no_member}: it encloses {drawn_m3:.6g} m3, the likeliest member {made:.6g} m3"
     require(abs(made - drawn_m3) <= NOMINAL_VOLUME * drawn_m3, EstimationError, says)
     return values

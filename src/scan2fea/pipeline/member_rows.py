@@ -40,6 +40,8 @@ def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Giv
             "toe_m": member.root.toe_m,
             "toe_std_m": member.root.toe_std_m or None,
             "toe_source": member.root.toe_source,
+            "slope": member.root.slope,
+            "slope_std": member.root.slope_std or None,
         },
         "covariance_m2": np.asarray(member.covariance).tolist(),
         "catalogue": [
@@ -118,7 +120,8 @@ def rooted(member: Member) -> str:
     root, what = member.root, "outer corner radii" if member.family == TUBE else "root fillets"
     if root.radius_m:
         std = f" +- {root.std_m * MILLIMETRES_PER_METRE:.2g}" if root.std_m else ""
-        return f"; with {what} of {root.radius_m * MILLIMETRES_PER_METRE:.4g}{std} mm" + (" as given" if root.source == "fixed" else "")
+        sloping = f", flanges of slope {100 * root.slope:.2g} %, tf in their middle" if root.slope else ""
+        return f"; with {what} of {root.radius_m * MILLIMETRES_PER_METRE:.4g}{std} mm" + (" as given" if root.source == "fixed" else "") + sloping
     if member.family not in (*OPEN, TUBE) or root.is_observable or root.source == "fixed":
         return ""
     most = f"; they have at most {root.most_m * MILLIMETRES_PER_METRE:.2g} mm" if math.isfinite(root.most_m) else ""

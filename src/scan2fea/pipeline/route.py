@@ -28,6 +28,7 @@ from scan2fea.estimation.member import MemberFit, MemberOptions, fit_member
 from scan2fea.estimation.resting import END, abutting, rested, standing
 from scan2fea.estimation.seated import seated
 from scan2fea.estimation.several import several_members
+from scan2fea.estimation.slopes import parallel
 from scan2fea.estimation.systematic import face_error
 from scan2fea.estimation.table import Table, read_table
 from scan2fea.estimation.unseen_end import unseen_end
@@ -39,7 +40,7 @@ from scan2fea.kernel.sections import PARAMETERS, ROUND
 from scan2fea.options import option
 from scan2fea.pipeline.dimension_doubt import PoseDoubt, coarsened, widened
 from scan2fea.pipeline.stations import larger_doubt
-from scan2fea.types import FloatArray, Footing, Member, PointCloud, RootFillet, Route, Scan, Value
+from scan2fea.types import FloatArray, Footing, Member, PointCloud, Route, Scan, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 ESTIMATION, RECONSTRUCTION = "estimation", "reconstruction"
@@ -139,14 +140,14 @@ def estimate(
     found = pipe or _straight(scan, options, route, known, doubt, footings, strips, covers, step_m, meets)
     if root_radius_m is None or found.member is None:
         return found
-    given = RootFillet(radius_m=root_radius_m, most_m=root_radius_m, source="fixed")
+    given = replace(found.member.root, radius_m=root_radius_m, std_m=0.0, is_observable=False, most_m=root_radius_m, source="fixed")
     return replace(found, member=replace(found.member, root=given))
 
 
 def _with_elbows(scan: Scan, options: MemberOptions, route: RouteOptions, known: KnownSection | None) -> Estimate | None:
     """The pipe with elbows that the points are; None where they are none."""
-    cloud, family = scan.cloud, (known.family if known is not None else "") or options.family
-    points = cloud.points if cloud.is_inferred is None else cloud.points[~cloud.is_inferred]
+    family = (known.family if known is not None else "") or options.family
+    points = _measured(scan)
     path = pipe_path(points, options.seed) if not family or family in ROUND else None
     if path is None:
         return None
@@ -157,6 +158,12 @@ def _with_elbows(scan: Scan, options: MemberOptions, route: RouteOptions, known:
         return None
     turns = ", ".join(f"{math.degrees(b.angle_rad):.1f} deg at {b.radius_m * MILLIMETRES_PER_METRE:.1f} mm" for b in member.bends)
     return replace(found, member=member, reason=f"pipe with {len(member.bends)} bend{'s'[: len(member.bends) > 1]} ({turns}): {found.reason}")
+
+
+def _measured(scan: Scan) -> FloatArray:
+    """(n, 3) its points without those that fill a gap."""
+    cloud = scan.cloud
+    return cloud.points if cloud.is_inferred is None else cloud.points[~cloud.is_inferred]
 
 
 def _straight(
@@ -177,15 +184,16 @@ def _straight(
     if scan.cloud.is_inferred is not None and bool((scan.cloud.is_inferred & (scan.cloud.frame >= 0)).any()):
         scan = Scan(cloud=scan.cloud.take(~scan.cloud.is_inferred | (scan.cloud.frame < 0)), rays=scan.rays)  # what fills a gap is no measurement
     inferred = scan.cloud.is_inferred
-    measured = scan.cloud.points if inferred is None else scan.cloud.points[~inferred]
     try:
         options = replace(options, family=section.family or options.family, whole=options.whole or section.whole)
         fit = fit_member(scan, options, section.fixed, section.nominal, covers)
     except InputError as error:
         return Estimate(member=None, explains=False, reason=str(error))
     except EstimationError as error:
-        two = several_members(measured, None, options)
+        two = several_members(_measured(scan), None, options)
         return Estimate(member=None, explains=False, reason=str(error) if two is None else two.reason)
+    scan = replace(scan, cloud=scan.cloud.replaced(points=parallel(scan.cloud.points, fit.member, fit.member.root.slope)))  # as its section has them
+    measured = _measured(scan)
     two = several_members(measured, fit, options)
     if two is not None:
         fit = replace(fit, explains=False, reason=two.reason)
@@ -236,7 +244,7 @@ def _ended(
     around : footings, covers and meets of `estimate`.
     """
     footings, covers, meets = around
-    points = scan.cloud.points if scan.cloud.is_inferred is None else scan.cloud.points[~scan.cloud.is_inferred]
+    points = _measured(scan)
     if fit.method != "density":  # hits and misses know where it ends
         return _untold(member, fit, "" if options.whole else going_on(points, member, covers))
     low, high = joints(points, member, meets) if fit.explains else (None, None)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
-from scan2fea.kernel.outline import outline, outline_area
+from scan2fea.kernel.outline import outline_area, outline_of
 from scan2fea.kernel.pinned import SEEN
 from scan2fea.kernel.sections import section_area_slopes
 from scan2fea.types import Check, Member
@@ -103,11 +104,11 @@ def _is_standard(member: Member) -> bool:
 def relative_volume_std(member: Member) -> float:
     """Standard deviation of section area x length over its value, from the covariance of the dimensions; what is not observable does not count."""
     values = member.values()
-    shape, by_dimension = outline(member.family, values, member.root.radius_m), section_area_slopes(member.family, values)
+    shape, by_dimension = outline_of(member), section_area_slopes(member.family, values)
     area, root = outline_area(shape), member.root
-    less = outline(member.family, values, max(root.radius_m - root.std_m, 0.0))  # more might not fit
-    by_root = (area - outline_area(less)) * values["length"]
-    by_toes = 2 * (1 - math.pi / 4) * member.root.toe_m**2 * values["length"]  # which are round, and the solid's are not
+    # by smaller ones: larger might not fit
+    less = [replace(root, radius_m=max(root.radius_m - root.std_m, 0.0)), replace(root, toe_m=max(root.toe_m - root.toe_std_m, 0.0))]
+    by_root, by_toes = ((area - outline_area(outline_of(replace(member, root=one)))) * values["length"] for one in less)
     by_parameter = np.array([area if p.name == "length" else values["length"] * by_dimension[p.name] for p in member.parameters])
     return math.hypot(math.sqrt(max(float(by_parameter @ member.covariance @ by_parameter), 0.0)), by_root, by_toes) / (area * values["length"])
 
@@ -115,6 +116,6 @@ def relative_volume_std(member: Member) -> float:
 def assumed_volume_std(member: Member) -> float:
     """Standard deviation of the volume over its value from what stands in for dimensions that are not observable, each by itself."""
     values = member.values()
-    area, slopes = outline_area(outline(member.family, values, member.root.radius_m)), section_area_slopes(member.family, values)
+    area, slopes = outline_area(outline_of(member)), section_area_slopes(member.family, values)
     parts = [slopes[p.name] * p.spread_m for p in member.parameters if not p.observable and p.spread_m and p.name in slopes]
     return math.sqrt(sum(part**2 for part in parts)) / area

@@ -50,6 +50,17 @@ def test_every_family_is_drawn_to_scale(family):
     assert all(f"= {with_deviation(1e3 * size, 0.1)} mm" in drawing for size in sizes)
 
 
+def test_fillets_toes_and_slopes_are_drawn_and_told():
+    """A record whose corners do not fit is drawn sharp."""
+    root = {"radius_m": 0.0085, "std_m": 1e-4, "toe_m": 0.0045, "toe_std_m": 2e-3, "toe_source": "assumed", "slope": 0.08, "slope_std": 0.002}
+    sharp, round_ = (str(section_drawing(member("C", root=of))) for of in (None, root))
+    assert round_.count("<line") > sharp.count("<line") + 10
+    assert str(section_drawing(member("C", root={**root, "radius_m": 1.0}))) == sharp
+    told = page(member("C", root=root))
+    assert "assumed: the standards" in told and "Slope of its flanges" in told and "8.0" in told
+    assert "Slope of its flanges" not in page(member("C", root={**root, "slope": 0}))
+
+
 def test_every_wall_is_written_and_one_that_is_not_told_says_so():
     row = member("I")
     row["parameters"]["tw"].update(observable=False, source="catalogue", std_m=None)

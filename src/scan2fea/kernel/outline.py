@@ -13,7 +13,7 @@ import numpy as np
 
 from scan2fea.errors import UsageError, require
 from scan2fea.kernel.sections import ROUND, check_section, edge_names, section
-from scan2fea.types import FloatArray, IntArray, Member, Value
+from scan2fea.types import FloatArray, IntArray, Member, Section, Value
 
 SLOPING = ("I", "C")  # families whose flanges may slope
 
@@ -177,6 +177,16 @@ def _rounded(loop: FloatArray, names: tuple[str, ...], arcs: Mapping[str, tuple[
         j = (i + 1) % n
         edges.append(Edge(name=names[i], start=loop[i] + back[i] * unit[i], end=loop[j] - back[j] * unit[i]))
     return tuple(edges)
+
+
+def as_section(shape: Outline, n_chords: int = 96) -> Section:
+    """The outline as polygons, arcs as so many chords to a full circle, each under the name of its arc."""
+    loops, names = [], []
+    for loop in shape.loops:
+        n = [1 if edge.centre is None else max(2, round(n_chords * abs(edge.turn) / (2 * math.pi))) for edge in loop]
+        loops.append(np.concatenate([_on_edge(edge, np.arange(k) / k)[0] for edge, k in zip(loop, n, strict=True)]))
+        names.append(tuple(edge.name for edge, k in zip(loop, n, strict=True) for _ in range(k)))
+    return Section(family=shape.family, loops=tuple(loops), face_names=tuple(names))
 
 
 def outline_area(shape: Outline) -> float:

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from scan2fea.errors import Scan2FeaError
+from scan2fea.kernel.outline import as_section, outline
+from scan2fea.kernel.sections import ROUND
 from scan2fea.kernel.sections import section as section_of
 from scan2fea.report.axis import axis_drawing
 from scan2fea.report.charts import FAINT, TEXT, swatches
@@ -115,7 +117,7 @@ def section_drawing(member: Row) -> Html:
     parameters = _parameters(member)
     values = {name: float(row["value_m"]) for name, row in parameters.items()}
     try:
-        shape = section_of(str(member.get("family")), values)
+        shape = _shape(str(member.get("family")), values, member.get("root"))
     except Scan2FeaError:
         return NOTHING
     corners = np.concatenate(shape.loops)
@@ -152,6 +154,18 @@ def section_drawing(member: Row) -> Html:
     )
     legend = swatches([(SEEN, "seen by the scanner", False), (UNSEEN, "not seen", False)]) if seen else NOTHING
     return tag("figure", drawing, legend, tag("figcaption", tag("b", "Section"), f", to scale. {told}"), class_="chart")
+
+
+def _shape(family: str, values: Mapping[str, float], root: object) -> Section:
+    """The section with its fillets and slopes; with sharp corners where a record of another version has none, or they do not fit."""
+    sharp = section_of(family, values)
+    if not isinstance(root, Mapping) or family in ROUND:
+        return sharp
+    radius, toe, slope = (float(root[name]) if is_number(root.get(name)) else 0.0 for name in ("radius_m", "toe_m", "slope"))
+    try:
+        return as_section(outline(family, values, radius, toe, slope))
+    except Scan2FeaError:
+        return sharp
 
 
 def _outline(points: FloatArray) -> str:
@@ -216,10 +230,30 @@ def _facts(member: Row) -> Html:
     if isinstance(families, Mapping):
         best = sorted(((str(k), float(v)) for k, v in families.items() if is_number(v) and v > 5e-4), key=lambda pair: -pair[1])[:4]
         rows += [("Family", ", ".join(f"{name} {percent(share)}" for name, share in best))] if best else []
+    rows += _rolled(member.get("root"))
     rows += _change(member.get("change"))
     rows += [(f"Bend {k + 1}", _bend(bend)) for k, bend in enumerate(_rows(member.get("bends")))]
     rows += [("Given dimensions", f"p-value {number(member['p_fixed'], 2)}")] if is_number(member.get("p_fixed")) else []
     return facts(rows) if rows else NOTHING
+
+
+def _rolled(root: object) -> list[tuple[str, object]]:
+    """Round toes and slopes that the solid has and no dimension says."""
+    if not isinstance(root, Mapping):
+        return []
+    rows: list[tuple[str, object]] = []
+    if is_number(root.get("toe_m")) and root["toe_m"] > 0:
+        is_assumed = root.get("toe_source") == "assumed"
+        told = _deviating(root["toe_m"], root.get("toe_std_m"), MILLIMETRES_PER_METRE)
+        rows.append(("Radius of its toes", f"{told} mm" + (" (assumed: the standards\u2019 share of the root radius)" if is_assumed else "")))
+    if is_number(root.get("slope")) and root["slope"] > 0:
+        told = _deviating(root["slope"], root.get("slope_std"), 100.0)
+        rows.append(("Slope of its flanges", f"{told} %; tf is in the middle of what stands out of the web"))
+    return rows
+
+
+def _deviating(value: float, std: object, times: float) -> str:
+    return with_deviation(times * value, times * float(std)) if is_number(std) and std > 0 else number(times * value)
 
 
 def _change(change: object) -> list[tuple[str, object]]:

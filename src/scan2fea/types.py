@@ -416,9 +416,9 @@ class RootFillet(Value):
     """The fillets of a rolled section, which share one radius. radius_m : 0 where its corners are sharp, or do not tell.   std_m : 0 where it is 0.
 
     is_observable : whether the points tell a radius, or that there is none.   most_m : no larger radius goes with the points (three standard
-    deviations), inf where they do not tell.   source : "fitted", or "fixed" (the user gave it).   toe_m : radius of the toes of an angle or of
-    sloping flanges.   toe_source : of that: "fitted", or "assumed" (a share of the root radius, EN 10365).   slope : of the inner faces of flanges,
-    0 where they are parallel to the outer ones.
+    deviations), inf where they do not tell.   source : "fitted", "fixed" (the user gave it) or "assumed" (EN 10365, of sloping flanges).
+    toe_m : radius of the toes of an angle or of sloping flanges.   toe_source : of that: "fitted" or "assumed" (a share of the root radius).
+    slope : of the inner faces of flanges, 0 where they are parallel to the outer ones.
     """
 
     radius_m: float = 0.0

@@ -28,6 +28,7 @@ LEAST = 0.1  # of the thicker wall: no rolled shape of sections.csv has less (W1
 _OF_LEG, _OF_WALL = 0.45, 4.5  # at most, of the free leg and of the thinner wall (sections.csv: UPN 30 has 0.41, M3X2.9 4.1)
 _OF_SIDE = 0.35  # of the shorter side of a tube: its radius at most
 _OF_TOE = 0.75  # of the leg at most is round at its toe (EN 10056-1: half the root radius, up to 0.6)
+_ROOT_AS = {"I": "tw", "C": "tf"}  # as large as it is the root radius of IPN and UPN
 _TOE_OF_ROOT = {"L": 0.5, "I": 0.6, "C": 0.5}  # radii of toes of angles, IPN and UPN (EN 10056-1, EN 10365)
 _WINDOW, _OF_WINDOW = 1.6, 0.8  # times the largest radius, and of the free leg at most: some of both faces beyond the arc belongs to it
 _SIGMAS = 4.0
@@ -67,9 +68,14 @@ def roots_of(points: FloatArray, member: Member, seed: int = 0, slope: tuple[flo
     nearer to the corner. Members without re-entrant corners that are no tubes, or that change, have none.
     """
     found = _roots_of(points, member, seed, slope[0])
-    times, own = 1 / math.tan((math.pi / 2 - math.atan(slope[0])) / 2), found.fillet
+    times, own = 1 / _arc_length(slope[0]), found.fillet
     lengths = {name: times * getattr(own, name) for name in ("radius_m", "std_m", "most_m", "toe_m", "toe_std_m")}
     return replace(found, fillet=replace(own, **lengths, slope=slope[0], slope_std=slope[1]))
+
+
+def _arc_length(slope: float) -> float:
+    """How far from its corner an arc of radius 1 begins, between faces of that slope."""
+    return math.tan((math.pi / 2 - math.atan(slope)) / 2)
 
 
 def _roots_of(points: FloatArray, member: Member, seed: int, slope: float) -> Roots:
@@ -92,6 +98,10 @@ def _roots_of(points: FloatArray, member: Member, seed: int, slope: float) -> Ro
     found = _arcs(xy, member, _frames(member), min(_OF_LEG * leg, _OF_WALL * wall), leg, seed)
     if found is None:
         return nothing
+    if slope and not found.fillet.radius_m:  # rolled as it is it has round corners
+        usual = member.values()[_ROOT_AS[member.family]] * _arc_length(slope)
+        is_hidden = _SAGITTA * usual < 2 * member.sigma_m
+        found = _arcs(xy, member, _frames(member), min(_OF_LEG * leg, _OF_WALL * wall), leg, seed, usual, is_hidden=is_hidden) or found
     if not (member.family == "L" or slope) or not found.fillet.radius_m:
         return found
     toe, usual = _toe_thickness(member, slope), _TOE_OF_ROOT[member.family] * found.fillet.radius_m
@@ -104,11 +114,20 @@ def _roots_of(points: FloatArray, member: Member, seed: int, slope: float) -> Ro
 
 
 def _arcs(
-    xy: FloatArray, member: Member, frames: tuple[FloatArray, FloatArray], largest: float, leg: float, seed: int, usual: float = 0.0
+    xy: FloatArray,
+    member: Member,
+    frames: tuple[FloatArray, FloatArray],
+    largest: float,
+    leg: float,
+    seed: int,
+    usual: float = 0.0,
+    *,
+    is_hidden: bool = False,
 ) -> Roots | None:
     """The radius up to the `largest` that all corners of the frames share; None where hardly a point lies there. leg : of their shortest face.
 
     usual : a radius that is taken wherever it goes with the points (three standard deviations); half of it is uncertain where they tell none.
+    is_hidden : whether noise hides the arcs, and points are not asked.
     """
     walls = [p for p in member.parameters if p.name in WALLS]
     wall = min(p.value_m for p in walls)
@@ -140,7 +159,7 @@ def _arcs(
     slope = _slope(corners, ways[told], best)
     is_told = 2 * (top - sharp) > chdtri(1, _CHANCE) and best > least and slope <= _PARALLEL
     as_usual = [corner.settled_at(usual) for corner in corners] if usual else []
-    is_hidden = leg - usual < _FLAT * noise  # what is flat beside the arc tells its own place no more
+    is_hidden = is_hidden or leg - usual < _FLAT * noise  # what is flat beside the arc tells its own place no more
     is_usual = bool(as_usual) and (is_hidden or (2 * (top - _score(as_usual, usual)) < _CLEAR**2 and slope <= _PARALLEL))
     for k, corner in zip(told, as_usual if is_usual else corners, strict=True):
         places[k] += corner.shift @ ways[k]

@@ -120,8 +120,9 @@ def rooted(member: Member) -> str:
     root, what = member.root, "outer corner radii" if member.family == TUBE else "root fillets"
     if root.radius_m:
         std = f" +- {root.std_m * MILLIMETRES_PER_METRE:.2g}" if root.std_m else ""
+        whence = {"fixed": " as given", "assumed": " (assumed)"}.get(root.source, "")
         sloping = f", flanges of slope {100 * root.slope:.2g} %, tf in their middle" if root.slope else ""
-        return f"; with {what} of {root.radius_m * MILLIMETRES_PER_METRE:.4g}{std} mm" + (" as given" if root.source == "fixed" else "") + sloping
+        return f"; with {what} of {root.radius_m * MILLIMETRES_PER_METRE:.4g}{std} mm{whence}{sloping}"
     if member.family not in (*OPEN, TUBE) or root.is_observable or root.source == "fixed":
         return ""
     most = f"; they have at most {root.most_m * MILLIMETRES_PER_METRE:.2g} mm" if math.isfinite(root.most_m) else ""

@@ -86,6 +86,15 @@ def test_toes_that_the_points_show_otherwise_are_told_by_them():
         assert root.toe_source == "fitted" and abs(root.toe_m - toe) < 0.0003
 
 
+@pytest.mark.parametrize("sigma", [0.0002, 0.001])
+def test_toes_are_rounded_no_more_than_they_are_thick(sigma):
+    """A bent plate has a root radius of several walls, of which half is more than its toes have."""
+    true = made("L", 1.0, {"a": 0.06, "b": 0.06, "t": 0.004}, R=rotation(4), sigma=sigma)
+    root = roots_of(rolled(true, 0.012, 9_000, sigma, 5), true).fillet
+    assert abs(root.radius_m - 0.012) < 0.001 and root.toe_m < 0.0031
+    assert len(solid_of(replace(true, root=root)).face_names) == (11 if root.toe_m else 9)
+
+
 def test_a_wall_thinner_than_its_noise_tells_no_corners_of_a_tube():
     tube = made("RHS", sigma=0.0018)
     found = roots_of(rolled(tube, 0.01, 12_000, 0.0018, 1), tube).fillet

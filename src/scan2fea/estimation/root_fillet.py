@@ -99,12 +99,13 @@ def _roots_of(points: FloatArray, member: Member, seed: int, slope: float) -> Ro
     if found is None:
         return nothing
     if slope and not found.fillet.radius_m:  # rolled as it is it has round corners
-        usual = member.values()[_ROOT_AS[member.family]] * _arc_length(slope)
+        usual = min(member.values()[_ROOT_AS[member.family]] * _arc_length(slope), _OF_LEG * leg)
         is_hidden = _SAGITTA * usual < 2 * member.sigma_m
         found = _arcs(xy, member, _frames(member), min(_OF_LEG * leg, _OF_WALL * wall), leg, seed, usual, is_hidden=is_hidden) or found
     if not (member.family == "L" or slope) or not found.fillet.radius_m:
         return found
-    toe, usual = _toe_thickness(member, slope), _TOE_OF_ROOT[member.family] * found.fillet.radius_m
+    toe = _toe_thickness(member, slope)
+    usual = min(_TOE_OF_ROOT[member.family] * found.fillet.radius_m, _OF_TOE * toe)
     toes = _arcs(xy, member, _toe_frames(member), _OF_TOE * toe, toe, seed, usual)
     if toes is None or not toes.fillet.radius_m:
         return found

@@ -43,6 +43,16 @@ def test_a_sloping_flange_is_told_with_its_slope(name):
     assert outline_area(outline_of(found.member)) == pytest.approx(outline_area(outline_of(true)), rel=5e-3)
 
 
+def test_without_noise_all_is_exact_but_the_radii_which_are_told_as_far_as_they_are():
+    true, points = sloping("IPN 200", 0.0)
+    found = fit_member(Scan(cloud=PointCloud.of(points)), MemberOptions(family="I")).member
+    for p in found.parameters:
+        assert abs(p.value_m - true.values()[p.name]) < 1e-6, p.name
+    root = found.root
+    assert abs(root.slope - 0.14) < 1e-6 and abs(root.radius_m - 0.0075) < min(2 * root.std_m, 0.0004)
+    assert abs(root.toe_m - 0.0045) < min(2 * root.toe_std_m, 0.0004)
+
+
 def test_roots_that_noise_hides_are_assumed_where_flanges_slope():
     """Noise of a fifth of the web: with sharp corners IPN 340 came as b 135.62 +- 0.17 for 137, tf 18.13 +- 0.05 for 17.87."""
     true, points = sloping("IPN 340", 0.0026, 14_000)

@@ -70,6 +70,8 @@ def roots_of(points: FloatArray, member: Member, seed: int = 0, slope: tuple[flo
     found = _roots_of(points, member, seed, slope[0])
     times, own = 1 / _arc_length(slope[0]), found.fillet
     lengths = {name: times * getattr(own, name) for name in ("radius_m", "std_m", "most_m", "toe_m", "toe_std_m")}
+    for name, std in (("radius_m", "std_m"), ("toe_m", "toe_std_m")):  # arcs between moved faces are circles to the second order of the slope
+        lengths[std] = math.hypot(lengths[std], slope[0] ** 2 * lengths[name])
     return replace(found, fillet=replace(own, **lengths, slope=slope[0], slope_std=slope[1]))
 
 

@@ -120,6 +120,20 @@ def fit_member(
     found = _sharp(scan, options, fixed, nominal, covers)
     pivot = found.member
     scan, found, slope = _with_parallel_flanges(scan, found, options, fixed, nominal, covers)
+    rolled = _with_roots(scan, found, slope, options, fixed, nominal, covers)
+    return dataclasses.replace(rolled, member=at_middle(rolled.member, pivot))
+
+
+def _with_roots(
+    scan: Scan,
+    found: MemberFit,
+    slope: tuple[float, float],
+    options: MemberOptions,
+    fixed: Mapping[str, float] | None,
+    nominal: Mapping[str, float] | None,
+    covers: Covers,
+) -> MemberFit:
+    """The fit with the fillets that its points show, to points that are moved as sharp corners would have them. slope : as in `roots_of`."""
     roots = roots_of(_checked(scan), found.member, options.seed, slope)
     if not roots.fillet.radius_m:
         return dataclasses.replace(found, member=dataclasses.replace(found.member, root=roots.fillet))
@@ -129,7 +143,7 @@ def fit_member(
         return dataclasses.replace(found, member=dataclasses.replace(found.member, root=RootFillet(slope=slope[0], slope_std=slope[1])))
     root = roots_of(_checked(scan), again.member, options.seed, slope).fillet
     member = dataclasses.replace(_as_doubtful(again.member, found.member), root=root, families=found.member.families)
-    return dataclasses.replace(again, member=at_middle(with_corners(member, found.member), pivot))
+    return dataclasses.replace(again, member=with_corners(member, found.member))
 
 
 def _with_parallel_flanges(

@@ -18,7 +18,7 @@ from scipy.special import chdtri
 from scan2fea.estimation.observability import RESOLVED
 from scan2fea.estimation.swept import sweep_of_member
 from scan2fea.kernel.noise import sampled_rows
-from scan2fea.kernel.outline import flange_span, re_entrant, toe_corners
+from scan2fea.kernel.outline import Slant, re_entrant, toe_corners
 from scan2fea.kernel.sections import section, section_area
 from scan2fea.types import FloatArray, IntArray, Member, Parameter, RootFillet, Value
 
@@ -231,11 +231,8 @@ def _widened(member: Member, slope: FloatArray) -> Member:
 
 def _toe_thickness(member: Member, slope: float) -> float:
     """How thick a leg, or a flange of that slope, is at its toe, metres."""
-    values = member.values()
-    if member.family == "L":
-        return values["t"]
-    near, far = flange_span(member.family, values)
-    return values["tf"] - slope * (far - near) / 2
+    values, slant = member.values(), Slant.of(member.family, member.values(), slope)
+    return values["t"] if slant is None else float(slant.thickness(np.array([slant.far]))[0])
 
 
 def _free_leg(member: Member) -> float:

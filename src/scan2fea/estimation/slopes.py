@@ -32,7 +32,7 @@ def slope_of(points: FloatArray, member: Member, seed: int = 0) -> tuple[float, 
     points : (n, 3) metres. All inner faces that were seen must agree, on both flanges: EN 10365 and ASTM A6 give a shape one slope.
     """
     nothing = 0.0, 0.0
-    if member.family not in SLOPING or member.change is not None or len(member.bow[0]) > 8:
+    if member.family not in SLOPING or member.change is not None:
         return nothing
     faces = [face for face in _inner_faces(points, member, seed) if len(face) >= _FEWEST]
     told = np.array([_slope(face, member.sigma_m) for face in faces]).reshape(-1, 3)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from scan2fea.errors import InternalError
-from scan2fea.kernel.outline import Edge, Outline
+from scan2fea.kernel.outline import Edge, Outline, re_entrant
 from scan2fea.kernel.sections import ROUND
 from scan2fea.types import FloatArray, IntArray, Value
 
@@ -74,7 +74,8 @@ def _rectangles(shape: Outline) -> _Coarse:
     size = float(np.ptp(corners, axis=0).max())
     walls = [_distinct(corners[:, axis], _SAME * size) for axis in (0, 1)]
     wall = min(float(np.diff(w).min()) for w in walls)
-    xs, ys = (_cuts(walls[axis], _reentrant(loops)[:, axis], fillets, axis, wall, size) for axis in (0, 1))
+    turned = np.concatenate([loop[re_entrant(loop)] for loop in loops])
+    xs, ys = (_cuts(walls[axis], turned[:, axis], fillets, axis, wall, size) for axis in (0, 1))
     middle = np.stack(np.meshgrid((xs[:-1] + xs[1:]) / 2, (ys[:-1] + ys[1:]) / 2, indexing="ij"), axis=-1).reshape(-1, 2)
     toes = [np.sort(fillet.ends, axis=0) for fillet in fillets if fillet.is_toe]
     is_left = ~np.any([((middle > low) & (middle < high)).all(1) for low, high in toes] or [np.zeros(len(middle), bool)], axis=0)
@@ -103,16 +104,6 @@ def _sharp(loop: Sequence[Edge]) -> FloatArray:
         directions = np.stack([before.end - before.start, edge.start - edge.end], axis=1)
         out.append(before.start + np.linalg.solve(directions, edge.start - before.start)[0] * (before.end - before.start))
     return np.array(out)
-
-
-def _reentrant(loops: Sequence[FloatArray]) -> FloatArray:
-    """(k, 2) corners where the material turns back."""
-    found = []
-    for loop in loops:
-        ahead = np.roll(loop, -1, axis=0) - loop
-        back = loop - np.roll(loop, 1, axis=0)
-        found.append(loop[back[:, 0] * ahead[:, 1] - back[:, 1] * ahead[:, 0] < 0])
-    return np.concatenate(found)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -40,7 +40,7 @@ from scan2fea.kernel.sections import PARAMETERS, ROUND
 from scan2fea.options import option
 from scan2fea.pipeline.dimension_doubt import PoseDoubt, coarsened, widened
 from scan2fea.pipeline.stations import larger_doubt
-from scan2fea.types import FloatArray, Footing, Member, PointCloud, Route, Scan, Value
+from scan2fea.types import FloatArray, Footing, Member, PointCloud, RootFillet, Route, Scan, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 ESTIMATION, RECONSTRUCTION = "estimation", "reconstruction"
@@ -140,7 +140,8 @@ def estimate(
     found = pipe or _straight(scan, options, route, known, doubt, footings, strips, covers, step_m, meets)
     if root_radius_m is None or found.member is None:
         return found
-    given = replace(found.member.root, radius_m=root_radius_m, std_m=0.0, is_observable=False, most_m=root_radius_m, source="fixed")
+    root = found.member.root if root_radius_m else RootFillet(slope=found.member.root.slope, slope_std=found.member.root.slope_std)
+    given = replace(root, radius_m=root_radius_m, std_m=0.0, is_observable=False, most_m=root_radius_m, source="fixed")
     return replace(found, member=replace(found.member, root=given))
 
 

@@ -73,7 +73,11 @@ def test_parallel_and_leaning_flanges_have_none(family):
     assert slope_of(points + moved, member) == (0.0, 0.0)
 
 
-def test_of_one_flange_alone_no_slope_is_told():
+def test_two_faces_of_one_flange_tell_it_one_face_does_not():
+    """From above nobody sees the inner faces of an upper flange; a single face may be that of a flange that leans."""
+    beam, of_beam = sloping("IPN 200", 0.0005)
+    lower = sweep_of_member(beam).coordinates(of_beam)[:, 1] < 0.05
+    assert slope_of(of_beam[lower], beam)[0] == pytest.approx(0.14, abs=0.005)
     member, points = sloping("UPN 200", 0.0005)
     upper = sweep_of_member(member).coordinates(points)[:, 1] > 0
     assert slope_of(points, member)[0] == pytest.approx(0.08, abs=0.005)

@@ -29,14 +29,15 @@ _ROUNDS = 5
 def slope_of(points: FloatArray, member: Member, seed: int = 0) -> tuple[float, float]:
     """How much thinner flanges grow per length towards their toes, and its standard deviation; (0, 0) where they do not, or that is not told.
 
-    points : (n, 3) metres. All inner faces that were seen must agree, on both flanges: EN 10365 and ASTM A6 give a shape one slope.
+    points : (n, 3) metres. Two inner faces at least, and all that were seen, must agree: EN 10365 and ASTM A6 give a shape one slope, and the two of
+    one flange that leans slope against each other.
     """
     nothing = 0.0, 0.0
     if member.family not in SLOPING or member.change is not None:
         return nothing
     faces = [face for face in _inner_faces(points, member, seed) if len(face) >= _FEWEST]
-    told = np.array([_slope(face, member.sigma_m) for face in faces]).reshape(-1, 3)
-    if len(told) < 2 or len(set(np.sign(told[:, 2]))) < 2:
+    told = np.array([_slope(face, member.sigma_m) for face in faces]).reshape(-1, 2)
+    if len(told) < 2:
         return nothing
     weight = 1 / np.square(np.maximum(told[:, 1], LEAST / 10))
     slope, std = float(weight @ told[:, 0] / weight.sum()), float(1 / math.sqrt(weight.sum()))
@@ -70,7 +71,7 @@ def at_middle(member: Member, pivot: Member) -> Member:
 
 
 def _inner_faces(points: FloatArray, member: Member, seed: int) -> list[FloatArray]:
-    """Per inner face (k, 3): how far along the flange from the web, how deep under its outer face, and -1 or 1 by the flange."""
+    """Per inner face (k, 2): how far along the flange from the web, and how deep under its outer face."""
     local, values = sweep_of_member(member).coordinates(points), member.values()
     margin = 4 * member.sigma_m
     local = local[(local[:, 2] > margin) & (local[:, 2] < values["length"] - margin)]
@@ -82,12 +83,12 @@ def _inner_faces(points: FloatArray, member: Member, seed: int) -> list[FloatArr
             within = (along > near + _ROOT * values["tf"]) & (along < far - _TOE * values["tf"])
             rows = np.flatnonzero(within & (np.abs(depth - values["tf"]) < _DEEP * values["tf"]))
             rows = rows[sampled_rows(len(rows), _POINTS, seed)]
-            out.append(np.stack([along[rows], depth[rows], np.full(len(rows), flange)], axis=1))
+            out.append(np.stack([along[rows], depth[rows]], axis=1))
     return out
 
 
-def _slope(face: FloatArray, sigma: float) -> tuple[float, float, float]:
-    """(slope, its standard deviation, which flange) of a line through most of the points (k, 3); strays are left out."""
+def _slope(face: FloatArray, sigma: float) -> tuple[float, float]:
+    """(slope, its standard deviation) of a line through most of the points (k, 2); strays are left out."""
     x, y = face[:, 0] - face[:, 0].mean(), face[:, 1]
     tried = np.linspace(-_MOST / 2, _MOST, _STEPS)
     off = y + tried[:, None] * x
@@ -100,4 +101,4 @@ def _slope(face: FloatArray, sigma: float) -> tuple[float, float, float]:
         line = np.polyfit(x[keep], y[keep], 1)
         slope, middle = -float(line[0]), float(line[1])
     left = (y - middle + slope * x)[keep]
-    return slope, float(np.std(left) / math.sqrt(np.square(x[keep] - x[keep].mean()).sum())), float(face[0, 2])
+    return slope, float(np.std(left) / math.sqrt(np.square(x[keep] - x[keep].mean()).sum()))

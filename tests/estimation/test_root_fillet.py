@@ -7,8 +7,9 @@ import pytest
 
 from estimation.made import SIZES, made
 from predicates import rotation
+from scan2fea.estimation.corner_doubt import with_hidden_corners
 from scan2fea.estimation.lacking import lacking
-from scan2fea.estimation.member import fit_member
+from scan2fea.estimation.member import MemberOptions, fit_member
 from scan2fea.estimation.outline import outline_distance
 from scan2fea.estimation.root_fillet import OPEN, roots_of, squared
 from scan2fea.estimation.solid import SolidOptions, solid_of
@@ -99,6 +100,28 @@ def test_a_wall_thinner_than_its_noise_tells_no_corners_of_a_tube():
     tube = made("RHS", sigma=0.0018)
     found = roots_of(rolled(tube, 0.01, 12_000, 0.0018, 1), tube).fillet
     assert found == RootFillet(is_observable=False, most_m=np.inf)
+
+
+@pytest.mark.parametrize("family", ["L", "RHS"])
+def test_what_hidden_corners_have_moved_is_told_as_doubt(family):
+    """L 60 x 6 had been told as 59.49 +- 0.10 with toes of 4 mm, RHS 100 x 60 x 5 as 99.43 +- 0.18 with corners of 10 mm taken for 7 +- 0.9."""
+    sizes = {"L": {"a": 0.06, "b": 0.06, "t": 0.006}, "RHS": {"h": 0.1, "b": 0.06, "t": 0.005}}[family]
+    sigma = 0.3 * sizes["t"]
+    true = made(family, 1.2, sizes, R=rotation(4), sigma=sigma)
+    shape = outline("L", true.values(), 0.008, 0.004) if family == "L" else outline("RHS", true.values(), 0.01)
+    found = fit_member(Scan(cloud=PointCloud.of(rolled(true, 0.0, 15_000, sigma, 5, shape=shape))), MemberOptions(family=family)).member
+    assert found.root.radius_m == 0
+    for p in found.parameters[:3]:
+        assert p.std_m is not None and abs(p.value_m - sizes[p.name]) < 2 * p.std_m < 0.002, p.name
+
+
+@pytest.mark.parametrize("family", [*OPEN, "RHS"])
+def test_points_that_rule_rounds_out_leave_no_doubt(family):
+    member = replace(made(family, std=5e-5), root=RootFillet(most_m=0.001))
+    for p in with_hidden_corners(member).parameters:
+        assert p.std_m is None or p.std_m < 6.5e-5, p.name
+    wide = with_hidden_corners(replace(member, root=RootFillet()))
+    assert max(p.std_m or 0.0 for p in wide.parameters) > 1e-4 and np.linalg.eigvalsh(wide.covariance).min() > -1e-18
 
 
 @pytest.mark.parametrize("family", OPEN)

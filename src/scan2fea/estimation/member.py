@@ -34,6 +34,7 @@ from scan2fea.estimation.beside import beside
 from scan2fea.estimation.caps import HOLLOW, SOLID, ends_show, full_ends, inside_of
 from scan2fea.estimation.changing import changing, is_better
 from scan2fea.estimation.continued import continued
+from scan2fea.estimation.corner_doubt import with_corners, with_hidden_corners
 from scan2fea.estimation.cut_toes import cut_toes
 from scan2fea.estimation.end_faces import cut_askew
 from scan2fea.estimation.ends import Ends, rough_ends
@@ -52,7 +53,7 @@ from scan2fea.estimation.ray_noise import freed_of_ray_noise
 from scan2fea.estimation.ray_voids import in_sheets, seen_through
 from scan2fea.estimation.reach import end_rows, reach
 from scan2fea.estimation.rim import BAR_OF, hollow, is_unsure, with_rim
-from scan2fea.estimation.root_fillet import roots_of, squared, with_corners
+from scan2fea.estimation.root_fillet import roots_of, squared
 from scan2fea.estimation.slopes import at_middle, parallel, slope_of
 from scan2fea.estimation.swept import Sweep, sweep_of
 from scan2fea.estimation.systematic import even_spacing, face_error, thinned_spacing, widened
@@ -60,7 +61,7 @@ from scan2fea.estimation.with_rays import compared_by_rays, needs_rays, refined,
 from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.pinned import SEEN, pinned
 from scan2fea.kernel.section_likelihood import face_lengths, faces
-from scan2fea.kernel.sections import PARAMETERS
+from scan2fea.kernel.sections import PARAMETERS, makes_section
 from scan2fea.types import FloatArray, Member, RootFillet, Scan, Value
 
 _SOLID = {**BAR_OF, "C": "rect", "I": "rect", "L": "rect", "T": "rect"}
@@ -136,12 +137,13 @@ def _with_roots(
     """The fit with the fillets that its points show, to points that are moved as sharp corners would have them. slope : as in `roots_of`."""
     roots = roots_of(_checked(scan), found.member, options.seed, slope)
     if not roots.fillet.radius_m:
-        return dataclasses.replace(found, member=dataclasses.replace(found.member, root=roots.fillet))
+        return dataclasses.replace(found, member=with_hidden_corners(dataclasses.replace(found.member, root=roots.fillet)))
     moved = dataclasses.replace(scan, cloud=scan.cloud.replaced(points=squared(scan.cloud.points, found.member, roots)))
     again = _sharp(moved, dataclasses.replace(options, family=found.member.family), fixed, nominal, covers)
-    if not again.explains and found.explains:
-        return dataclasses.replace(found, member=dataclasses.replace(found.member, root=RootFillet(slope=slope[0], slope_std=slope[1])))
     root = roots_of(_checked(scan), again.member, options.seed, slope).fillet
+    if not root.radius_m or (found.explains and not again.explains):
+        sharp = dataclasses.replace(found.member, root=RootFillet(slope=slope[0], slope_std=slope[1]))
+        return dataclasses.replace(found, member=with_hidden_corners(sharp))
     member = dataclasses.replace(_as_doubtful(again.member, found.member), root=root, families=found.member.families)
     return dataclasses.replace(again, member=with_corners(member, found.member))
 
@@ -284,6 +286,13 @@ def _with_change(points: FloatArray, found: MemberFit, options: MemberOptions, f
     return dataclasses.replace(last, member=member, explains=True, reason=told.reason, explanation=told, n_axes=found.n_axes)
 
 
+def _no_member(points: FloatArray, member: Member) -> str:
+    """Why a member that explains the points is none all the same; empty where it is one."""
+    if not makes_section(member.family, member.values()):
+        return f"a wall of the {member.family} member would be thicker than its section lets it"
+    return continued(points, member) or beside(points, member)
+
+
 def _swept(
     points: FloatArray,
     axes: tuple[Axis, ...],
@@ -319,7 +328,7 @@ def _swept(
         sweep, fit = with_reach(one.member, fit, hidden)
         one = _between_ends(points, sweep, fit, options, fixed, covers, one.wall_m, hidden.faces)
         one = dataclasses.replace(one, member=with_length_std(one.member, end_rows(points, one.member))) if options.whole else one
-    more = (continued(points, one.member) or beside(points, one.member)) if one.told.explains else ""
+    more = _no_member(points, one.member) if one.told.explains else ""
     told = dataclasses.replace(one.told, explains=False, reason=more) if more else one.told
     p_fixed, given = _tested(fixed, told_free, fit.family, one.ends)
     return MemberFit(

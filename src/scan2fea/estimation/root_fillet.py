@@ -26,14 +26,15 @@ TUBE = "RHS"
 OPEN, WALLS = ("L", "I", "C", "T"), ("t", "tw", "tf")
 LEAST = 0.1  # of the thicker wall: no rolled shape of sections.csv has less (W14X873: 0.107)
 _OF_LEG, _OF_WALL = 0.45, 4.5  # at most, of the free leg and of the thinner wall (sections.csv: UPN 30 has 0.41, M3X2.9 4.1)
-_OF_SIDE = 0.35  # of the shorter side of a tube: its radius at most
-_OF_TOE = 0.75  # of the leg at most is round at its toe (EN 10056-1: half the root radius, up to 0.6)
+OF_SIDE = 0.35  # of the shorter side of a tube: its radius at most
+OF_TOE = 0.75  # of the leg at most is round at its toe (EN 10056-1: half the root radius, up to 0.6)
 _ROOT_AS = {"I": "tw", "C": "tf"}  # as large as it is the root radius of IPN and UPN
-_TOE_OF_ROOT = {"L": 0.5, "I": 0.6, "C": 0.5}  # radii of toes of angles, IPN and UPN (EN 10056-1, EN 10365)
+TOE_OF_ROOT = {"L": 0.5, "I": 0.6, "C": 0.5}  # radii of toes of angles, IPN and UPN (EN 10056-1, EN 10365)
 _WINDOW, _OF_WINDOW = 1.6, 0.8  # times the largest radius, and of the free leg at most: some of both faces beyond the arc belongs to it
 _SIGMAS = 4.0
 _FLAT = 8.0  # standard deviations of the noise: shorter faces beside arcs do not tell where they lie well enough to ask for a radius
-_APART = 3.0  # standard deviations between the skins of a tube
+_APART, _APART_ROUND = 3.0, 4.0  # standard deviations between the skins of a tube; and where the inner arc is hardly rounder than the noise
+_ROUND = 3.0  # standard deviations
 _CORNER_POINTS, _FEW_POINTS, _FEWEST = 3_000, 400, 30
 _CHANCE = 1e-6  # that points of a sharp corner are so much likelier under an arc
 _CLEAR = 3.0  # standard deviations of the radius from none
@@ -90,11 +91,14 @@ def _roots_of(points: FloatArray, member: Member, seed: int, slope: float) -> Ro
     local = sweep_of_member(member).coordinates(points)
     margin = _SIGMAS * member.sigma_m
     xy = local[(local[:, 2] > margin) & (local[:, 2] < member.values()["length"] - margin), :2]
-    if member.family == TUBE and wall <= _APART * member.sigma_m:  # the arcs of both skins are one blur: 9 mm were told as 6.5
-        return replace(nothing, fillet=RootFillet(is_observable=False, most_m=math.inf))
+    blurred = replace(nothing, fillet=RootFillet(is_observable=False, most_m=math.inf))
+    if member.family == TUBE and wall <= _APART * member.sigma_m:  # the arcs of both skins are one blur
+        return blurred
     if member.family == TUBE:
         side = min(member.values()["h"], member.values()["b"])
-        tube = _arcs(xy, member, _tube_frames(member), min(_OF_SIDE * side, _OF_WALL * wall), side / 2, seed)
+        tube = _arcs(xy, member, _tube_frames(member), min(OF_SIDE * side, _OF_WALL * wall), side / 2, seed)
+        if tube is not None and wall <= _APART_ROUND * member.sigma_m and tube.fillet.radius_m - wall < _ROUND * member.sigma_m:
+            return blurred  # 16 mm were told as 10.7 +- 1.6, of 3.3 standard deviations of wall
         return nothing if tube is None else tube
     leg = _free_leg(member)
     found = _arcs(xy, member, _frames(member), min(_OF_LEG * leg, _OF_WALL * wall), leg, seed)
@@ -107,8 +111,8 @@ def _roots_of(points: FloatArray, member: Member, seed: int, slope: float) -> Ro
     if not (member.family == "L" or slope) or not found.fillet.radius_m:
         return found
     toe = _toe_thickness(member, slope)
-    usual = min(_TOE_OF_ROOT[member.family] * found.fillet.radius_m, _OF_TOE * toe)
-    toes = _arcs(xy, member, _toe_frames(member), _OF_TOE * toe, toe, seed, usual)
+    usual = min(TOE_OF_ROOT[member.family] * found.fillet.radius_m, OF_TOE * toe)
+    toes = _arcs(xy, member, _toe_frames(member), OF_TOE * toe, toe, seed, usual)
     if toes is None or not toes.fillet.radius_m:
         return found
     fillet = replace(found.fillet, toe_m=toes.fillet.radius_m, toe_std_m=toes.fillet.std_m, toe_source=toes.fillet.source)
@@ -203,30 +207,6 @@ def squared(points: FloatArray, member: Member, roots: Roots) -> FloatArray:
         to = np.where(is_first[:, None], np.stack([along, off], axis=1), np.stack([off, along], axis=1))
         moved[near] += sweep.in_world(local[near, 2], (to - uv[near]) @ ways)
     return moved
-
-
-def with_corners(member: Member, sharp: Member) -> Member:
-    """The member, of a tube h, b and t less sure by what its corner radius is: arcs taken for too small leave points behind the faces.
-
-    A radius larger by d takes 2 FILLET r d from each corner of a skin, a half of that from each face beside it, whose mean place this shifts.
-    A section with round toes is less sure by as much of what these have moved it from the `sharp` one as their radius is not known.
-    """
-    if member.root.toe_m:
-        before, share = sharp.values(), member.root.toe_std_m / member.root.toe_m
-        return _widened(member, share * np.array([p.value_m - before[p.name] if p.std_m else 0.0 for p in member.parameters]))
-    if member.family != TUBE or not member.root.std_m:
-        return member
-    values, r = member.values(), member.root.radius_m
-    h, b, t = values["h"], values["b"], values["t"]
-    between = r - max(r - t, 0.0)
-    by = {"h": 4 * FILLET * r / b, "b": 4 * FILLET * r / h, "t": 4 * FILLET * between / (h + b)}
-    return _widened(member, member.root.std_m * np.array([by.get(p.name, 0.0) if p.std_m else 0.0 for p in member.parameters]))
-
-
-def _widened(member: Member, slope: FloatArray) -> Member:
-    """slope : (k,) by how much one standard deviation of what is not known moves each parameter, metres."""
-    parameters = tuple(replace(p, std_m=math.hypot(p.std_m, float(x)) if p.std_m else p.std_m) for p, x in zip(member.parameters, slope, strict=True))
-    return replace(member, parameters=parameters, covariance=member.covariance + np.outer(slope, slope))
 
 
 def _toe_thickness(member: Member, slope: float) -> float:

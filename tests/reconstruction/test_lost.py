@@ -95,6 +95,20 @@ def test_points_round_an_empty_circle_that_lie_in_a_band_across_it_are_of_anothe
     assert len(told_bores(points, normals, H, NOISE)) == told
 
 
+@pytest.mark.parametrize(("share", "told"), [(0.1, False), (0.6, True)])
+def test_a_circle_whose_points_deep_in_the_wall_lie_on_one_side_is_none(share, told):
+    """Beside the end of a rib its end face, and noise of its sides all round, were told as a bore; the right solid was refused."""
+    scan, _, normals = scanned(PART, H, NOISE, seed=0)
+    bore = told_bores(scan.cloud.points, normals, H, NOISE)[0]
+    surface, middle = bore.surface, bore.wall.mean(axis=0)
+    aside = (bore.wall - middle) @ surface.frame().T
+    turn = np.arctan2(*aside.T[::-1]) * np.where(bore.deep, share, 1.0)
+    ring = surface.radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    wall = surface.point + ring @ surface.frame() + np.outer((bore.wall - surface.point) @ surface.axis, surface.axis)
+    assert 3 <= bore.deep.sum() < len(wall)
+    assert _is_told(replace(bore, wall=wall), wall, H, NOISE, LEAST_TOLD, CIRCLE_CHANCE, HELD, FREE) == told
+
+
 FOUR = [("a", x, y, 0.0055) for x in (0.03, 0.075) for y in (0.014, 0.046)]  # 2.3 spacings wide, of which a plate's edge is 1.5 away
 PLATE = moved(bracket(0.09, 0.06, 0.012, 0.06, FOUR, 2e-5), POSE, AT)
 
@@ -160,10 +174,11 @@ def test_where_the_faces_round_a_bore_have_few_points_its_wall_may_have_few():
     bore = told_bores(points, normals, H, 0.0003)[0]
     assert 0.8 < bore.beside <= 1.0
     u, v = ((bore.wall - bore.surface.point) @ bore.surface.frame().T).T
-    wall = bore.wall[np.argsort(np.arctan2(v, u))]
-    few = replace(bore, wall=wall[::4])
+    order = np.argsort(np.arctan2(v, u))
+    wall, deep = bore.wall[order], bore.deep[order]
+    few = replace(bore, wall=wall[::4], deep=deep[::4])
     least = LEAST_TOLD, CIRCLE_CHANCE, HELD, FREE
     assert not _is_told(few, points, H, 0.0003, *least) and _is_told(replace(few, beside=0.4), points, H, 0.0003, *least)
-    fewer = replace(bore, wall=wall[::6], beside=0.4)
+    fewer = replace(bore, wall=wall[::6], deep=deep[::6], beside=0.4)
     assert not _is_told(fewer, points, H, 0.0003, *least)
     assert _is_told(fewer, points, H, 0.0003, LEAST_POINTS, LIKE_CHANCE, LIKE_HELD, LIKE_FREE)

@@ -69,7 +69,7 @@ def test_the_ends_of_a_slot_are_one_opening_and_bores_beside_each_other_two():
         turn = np.linspace(*turns, 24)
         wall = np.column_stack([x + RADIUS * np.cos(turn), 0.04 + RADIUS * np.sin(turn), THICK * (0.1 + 0.8 * (np.arange(24) % 5) / 4)])
         surface = Surface(kind=CYLINDER, point=np.array([x, 0.04, 0.0]), axis=np.array([0.0, 0.0, 1.0]), radius=RADIUS, sense=-1)
-        return Bore(surface=surface, wall=wall, depth_m=THICK, around=8, beside=1.0)
+        return Bore(surface=surface, wall=wall, deep=np.ones(len(wall), bool), depth_m=THICK, around=8, beside=1.0)
 
     half = 0.5 * np.pi
     ends = [bore(PLACES[0], (half, 3 * half)), bore(PLACES[1], (-half, half))]

@@ -58,14 +58,16 @@ class Near(Value):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Bore(Value):
-    """surface : the hole.   wall : (k, 3) points on it, those between the two faces that tell it.   depth_m : from one of these to the other.
+    """surface : the hole.   wall : (k, 3) points on it, those between two faces that tell it.   deep : (k,) those that no noise carried off a face.
 
+    depth_m : from one of these faces to the other.
     around : sectors of AROUND in which that of the two with fewer has points beside the hole.   beside : points of the faces in the ring up to twice
     its radius, of as many as the spacing lets expect; 1 at most. What is seen at a slant, or from few places, has fewer; so has the wall of the hole.
     """
 
     surface: Surface
     wall: FloatArray
+    deep: BoolArray
     depth_m: float
     around: int
     beside: float
@@ -166,7 +168,7 @@ def _between(points: FloatArray, planes: Planes, i: int, j: int, spacing_m: floa
             around = min(len(_sectors(own.places[own.within(centre, wide)] - centre)) for own in faces)
             apart_m = -float(planes.plane(j).distance(start.point[None])[0])
             beside = float(_beside(near_flat, centre[None], np.array([hole[0].radius]), spacing_m)[0])
-            out.append(Bore(surface=hole[0], wall=hole[1], depth_m=apart_m, around=around, beside=beside))
+            out.append(Bore(surface=hole[0], wall=wall[hole[1]], deep=is_deep[hole[1]], depth_m=apart_m, around=around, beside=beside))
     return out
 
 
@@ -188,8 +190,8 @@ def _sectors(across: FloatArray) -> FloatArray:
 
 def _fitted(
     start: Surface, wall: FloatArray, near: Near, is_deep: BoolArray, flat: Near, axes: FloatArray, spacing_m: float, sigma_m: float
-) -> tuple[Surface, FloatArray] | None:
-    """The cylinder through points between the faces that lie in and at an empty circle; None where they tell no circle.
+) -> tuple[Surface, IntArray] | None:
+    """The cylinder through points between the faces that lie in and at an empty circle, and their rows; None where they tell no circle.
 
     Where faces have few points the circle lies to one side of the hole: what begins is then tried a spacing wider.
     """
@@ -204,7 +206,7 @@ def _fitted(
         if len(own) >= LEAST_POINTS and is_deep[own].sum() >= LEAST_DEEP:
             surface = replace(start, point=found[:3], radius=float(found[6]), rms_m=rms)
             if _is_hole(surface, wall[own], near, flat, axes, off, sigma_m):
-                return surface, wall[own]
+                return surface, own
     return None
 
 

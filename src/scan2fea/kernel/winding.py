@@ -17,13 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from scan2fea.errors import InternalError, require
-from scan2fea.kernel.jit import jit
+from scan2fea.kernel.face_tree import morton_order
+from scan2fea.kernel.jit import jit, jit_ieee
 from scan2fea.types import FloatArray, IntArray, Value
 
 _LEAF = 8  # points per leaf
 OPENING = 0.5  # a cell is summed as one where its radius is below this share of its distance: w within 0.03
 ROUGH_OPENING = 0.8  # half the work; directions of -grad w within 0.7 degrees
-_MORTON_BITS = 20
+_GROUP = 32  # queries
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -44,14 +45,7 @@ def layout(points: FloatArray) -> Layout:
     """Sort points along a Morton curve and cut the curve into leaves. points : (n, 3), n >= 1."""
     require(len(points) > 0, InternalError, "winding.layout needs at least one point")
     xyz = np.ascontiguousarray(points, float)
-    low = xyz.min(axis=0)
-    step = max(float((xyz.max(axis=0) - low).max()), np.finfo(float).tiny) / (2**_MORTON_BITS - 1)
-    grid = ((xyz - low) / step).astype(np.int64)
-    code = np.zeros(len(xyz), np.int64)
-    for bit in range(_MORTON_BITS):
-        for axis in range(3):
-            code |= ((grid[:, axis] >> bit) & 1) << (3 * bit + axis)
-    order = np.argsort(code, kind="stable").astype(np.int64)
+    order = morton_order(xyz)
     depth = max(0, math.ceil(math.log2(len(xyz) / _LEAF)))
     cuts = (np.arange(2**depth + 1, dtype=np.int64) * len(xyz)) // 2**depth
     return Layout(order=order, points=xyz[order], cuts=cuts, depth=depth)
@@ -69,14 +63,18 @@ def winding(
     dipoles = (normals * areas[:, None])[tree.order]
     weight = np.maximum(areas[tree.order], np.finfo(float).tiny)
     centre, radius, total, moment = _gather(tree.points, dipoles, weight, tree.cuts, tree.depth)
+    asked, order = (tree.points, tree.order) if queries is None else _along_curve(queries)
     # a fresh copy of the queries in every case: one compiled variant for read-only and writable callers
-    asked = np.array(tree.points if queries is None else queries, float, order="C")
+    asked = np.array(asked, float, order="C")
     cells = (centre, radius, total, moment)
     value, outward = _evaluate(asked, tree.points, dipoles, tree.cuts, tree.depth, *cells, float(softening) ** 2, opening)
-    if queries is not None:
-        return value, outward
-    back = np.argsort(tree.order, kind="stable")
+    back = np.argsort(order, kind="stable")
     return value[back], outward[back]
+
+
+def _along_curve(queries: FloatArray) -> tuple[FloatArray, IntArray]:
+    order = morton_order(queries) if len(queries) else np.zeros(0, np.int64)
+    return queries[order], order
 
 
 @jit
@@ -122,7 +120,7 @@ def _add_moment(moment: FloatArray, dipole: FloatArray, off: FloatArray) -> None
             moment[3 * a + b] += dipole[a] * off[b]
 
 
-@jit
+@jit_ieee
 def _evaluate(
     queries: FloatArray,
     points: FloatArray,
@@ -136,60 +134,84 @@ def _evaluate(
     soft2: float,
     opening: float,
 ) -> tuple[FloatArray, FloatArray]:
+    """queries : (m, 3), neighbours one after the other: _GROUP of them go down the tree together, each term summed for all of these at once."""
     n_leaves = 1 << depth
     value = np.zeros(len(queries))
     outward = np.zeros((len(queries), 3))
     stack = np.zeros(2 * depth + 4, np.int64)
-    for q in range(len(queries)):
-        x, y, z = queries[q, 0], queries[q, 1], queries[q, 2]
-        w = gx = gy = gz = 0.0
+    at, sums = np.zeros((3, _GROUP)), np.zeros((4, _GROUP))
+    full = 1.0 / (4.0 * math.pi)
+    for start in range(0, len(queries), _GROUP):
+        n = min(_GROUP, len(queries) - start)
+        x = y = z = reach2 = 0.0
+        for i in range(n):
+            at[0, i], at[1, i], at[2, i] = queries[start + i, 0], queries[start + i, 1], queries[start + i, 2]
+            x, y, z = x + at[0, i] / n, y + at[1, i] / n, z + at[2, i] / n
+        for i in range(n):
+            reach2 = max(reach2, (at[0, i] - x) ** 2 + (at[1, i] - y) ** 2 + (at[2, i] - z) ** 2)
+        reach = math.sqrt(reach2)
+        sums[:] = 0.0
         stack[0] = 1
         height = 1
         while height > 0:
             height -= 1
             c = stack[height]
-            dx, dy, dz = centre[c, 0] - x, centre[c, 1] - y, centre[c, 2] - z
-            d2 = dx * dx + dy * dy + dz * dz
-            if radius[c] * radius[c] < opening * opening * d2:
-                i2 = 1.0 / (d2 + soft2)
-                i3 = i2 * math.sqrt(i2)
-                i5 = i3 * i2
-                tx, ty, tz = total[c, 0], total[c, 1], total[c, 2]
-                dot = tx * dx + ty * dy + tz * dz
-                # Taylor series of D.d / r^3 about the centroid: D.d / r^3 + sum_ab M_ab (delta_ab / r^3 - 3 d_a d_b / r^5)
-                mx = moment[c, 0] * dx + moment[c, 1] * dy + moment[c, 2] * dz
-                my = moment[c, 3] * dx + moment[c, 4] * dy + moment[c, 5] * dz
-                mz = moment[c, 6] * dx + moment[c, 7] * dy + moment[c, 8] * dz
-                nx = moment[c, 0] * dx + moment[c, 3] * dy + moment[c, 6] * dz
-                ny = moment[c, 1] * dx + moment[c, 4] * dy + moment[c, 7] * dz
-                nz = moment[c, 2] * dx + moment[c, 5] * dy + moment[c, 8] * dz
-                trace = moment[c, 0] + moment[c, 4] + moment[c, 8]
-                dmd = mx * dx + my * dy + mz * dz
-                w += dot * i3 + trace * i3 - 3.0 * dmd * i5
-                # derivative by d of the above is -grad by x with the sign of d = p - x turned: d/dx = -d/dd
-                along = -3.0 * (dot + trace) * i5 + 15.0 * dmd * i5 * i2
-                gx += tx * i3 + along * dx - 3.0 * (mx + nx) * i5
-                gy += ty * i3 + along * dy - 3.0 * (my + ny) * i5
-                gz += tz * i3 + along * dz - 3.0 * (mz + nz) * i5
+            apart = math.sqrt((centre[c, 0] - x) ** 2 + (centre[c, 1] - y) ** 2 + (centre[c, 2] - z) ** 2)
+            if radius[c] < opening * (apart - reach):
+                _add_cell(sums, at, n, centre[c], total[c], moment[c], soft2)
             elif c >= n_leaves:
                 for j in range(cuts[c - n_leaves], cuts[c - n_leaves + 1]):
-                    dx, dy, dz = points[j, 0] - x, points[j, 1] - y, points[j, 2] - z
-                    i2 = dx * dx + dy * dy + dz * dz + soft2
-                    if i2 == 0.0:
-                        continue
-                    i2 = 1.0 / i2
-                    i3 = i2 * math.sqrt(i2)
-                    dot = dipoles[j, 0] * dx + dipoles[j, 1] * dy + dipoles[j, 2] * dz
-                    w += dot * i3
-                    along = -3.0 * dot * i3 * i2
-                    gx += dipoles[j, 0] * i3 + along * dx
-                    gy += dipoles[j, 1] * i3 + along * dy
-                    gz += dipoles[j, 2] * i3 + along * dz
+                    _add_point(sums, at, n, points[j], dipoles[j], soft2)
             else:
                 stack[height] = 2 * c + 1
                 stack[height + 1] = 2 * c
                 height += 2
-        full = 1.0 / (4.0 * math.pi)
-        value[q] = w * full
-        outward[q, 0], outward[q, 1], outward[q, 2] = gx * full, gy * full, gz * full
+        for i in range(n):
+            value[start + i] = sums[0, i] * full
+            outward[start + i, 0], outward[start + i, 1], outward[start + i, 2] = sums[1, i] * full, sums[2, i] * full, sums[3, i] * full
     return value, outward
+
+
+@jit_ieee
+def _add_cell(sums: FloatArray, at: FloatArray, n: int, centre: FloatArray, total: FloatArray, moment: FloatArray, soft2: float) -> None:
+    """Add to sums (4, n), in place, w and its gradient at the places `at` (3, n) of a cell's dipoles.
+
+    Taylor series of D.d / r^3 about the centroid: D.d / r^3 + sum_ab M_ab (delta_ab / r^3 - 3 d_a d_b / r^5). Its derivative by d = p - x is that
+    by x with the sign turned. Of M only M + M^T counts.
+    """
+    cx, cy, cz = centre[0], centre[1], centre[2]
+    tx, ty, tz = total[0], total[1], total[2]
+    xx, yy, zz = 2.0 * moment[0], 2.0 * moment[4], 2.0 * moment[8]
+    xy, xz, yz = moment[1] + moment[3], moment[2] + moment[6], moment[5] + moment[7]
+    trace = 0.5 * (xx + yy + zz)
+    for i in range(n):
+        dx, dy, dz = cx - at[0, i], cy - at[1, i], cz - at[2, i]
+        i2 = 1.0 / (dx * dx + dy * dy + dz * dz + soft2)
+        i3 = i2 * math.sqrt(i2)
+        i5 = i3 * i2
+        dot = tx * dx + ty * dy + tz * dz + trace
+        mx, my, mz = xx * dx + xy * dy + xz * dz, xy * dx + yy * dy + yz * dz, xz * dx + yz * dy + zz * dz
+        dmd = 0.5 * (mx * dx + my * dy + mz * dz)
+        along = (15.0 * dmd * i2 - 3.0 * dot) * i5
+        sums[0, i] += dot * i3 - 3.0 * dmd * i5
+        sums[1, i] += tx * i3 + along * dx - 3.0 * mx * i5
+        sums[2, i] += ty * i3 + along * dy - 3.0 * my * i5
+        sums[3, i] += tz * i3 + along * dz - 3.0 * mz * i5
+
+
+@jit_ieee
+def _add_point(sums: FloatArray, at: FloatArray, n: int, point: FloatArray, dipole: FloatArray, soft2: float) -> None:
+    """The same of one dipole; nothing where it lies at the place itself and there is no softening."""
+    px, py, pz = point[0], point[1], point[2]
+    ax, ay, az = dipole[0], dipole[1], dipole[2]
+    for i in range(n):
+        dx, dy, dz = px - at[0, i], py - at[1, i], pz - at[2, i]
+        r2 = dx * dx + dy * dy + dz * dz + soft2
+        i2 = 1.0 / r2 if r2 > 0.0 else 0.0
+        i3 = i2 * math.sqrt(i2)
+        dot = ax * dx + ay * dy + az * dz
+        along = -3.0 * dot * i3 * i2
+        sums[0, i] += dot * i3
+        sums[1, i] += ax * i3 + along * dx
+        sums[2, i] += ay * i3 + along * dy
+        sums[3, i] += az * i3 + along * dz

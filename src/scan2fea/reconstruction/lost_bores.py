@@ -40,7 +40,8 @@ LEAST_SIDE = 2  # points of a sector of its wall, that tell the solid there
 BESIDE = 4  # of the sectors round it that hold points of each face: the edge of a plate may run past a hole
 FREE, CHANCE = 3, 0.05  # centre and radius are fitted; that points of a circle scatter so far about it
 BAND_CHANCE = 1e-3  # that the points on the wall of a bore reach over so little of its depth
-ONE_SIDE, SIDE_CHANCE = 1 / 3, 0.01  # of its girth: of a wall at a slant half is seen; that those deep in it lie on so little
+ONE_SIDE, BESIDE_EDGE = 1 / 3, 1 / 2  # of its girth: of a wall at a slant half is seen; and of one round which the faces end
+SIDE_CHANCE = 0.01  # that the points deep in it lie on so little
 CORE, BOTTOM = 0.7, 3  # of the radius: so many points of a bottom lie nearer to the axis, of the wall none
 WHOLE = 1.2  # of the radius: tets at the wall of a bore too
 STEPS = 64  # places on the axis
@@ -123,7 +124,7 @@ def _is_told(bore: Bore, points: FloatArray, spacing_m: float, sigma_m: float, l
     due = 2.0 * math.pi * surface.radius * deep * bore.beside / spacing_m**2
     if surface.radius > WIDEST * spacing_m or bore.around < BESIDE or len(wall) < held * due or not _all_round(aside):
         return False
-    if _in_a_band(np.ptp(along) / deep, len(wall)) or _on_one_side(aside[bore.deep]):
+    if _in_a_band(np.ptp(along) / deep, len(wall)) or _on_one_side(aside[bore.deep], ONE_SIDE if bore.around == AROUND else BESIDE_EDGE):
         return False
     spread = math.hypot(sigma_m, CHORD * spacing_m)
     if chdtrc(len(wall) - FREE, float((surface.distance(wall) ** 2).sum()) / spread**2) < CHANCE:
@@ -190,14 +191,14 @@ def _in_a_band(reach: float, n: int) -> bool:
     return bool(reach < HELD and n * reach ** (n - 1) - (n - 1) * reach**n < BAND_CHANCE)
 
 
-def _on_one_side(aside: FloatArray) -> bool:
+def _on_one_side(aside: FloatArray, limit: float) -> bool:
     """Do the points (n, 2) deep between the faces lie on less of the girth than those of a bore would? They are of the face that ends the wall.
 
     n uniform draws lie within a share x of a circle, of at most a half, with probability n x^(n-1).
     """
     turn = np.sort(np.arctan2(aside[:, 1], aside[:, 0]))
     share = 1.0 - np.diff(np.append(turn, turn[0] + 2.0 * math.pi)).max() / (2.0 * math.pi)
-    return bool(share < ONE_SIDE and len(turn) * share ** (len(turn) - 1) < SIDE_CHANCE)
+    return bool(share < limit and len(turn) * share ** (len(turn) - 1) < SIDE_CHANCE)
 
 
 def _along(surface: Surface, points: FloatArray) -> FloatArray:

@@ -274,7 +274,7 @@ def test_a_strip_between_an_edge_and_a_hollow_corner_looks_as_its_points_say(lea
         assert plane is not None and plane.normal @ true == 1.0 and plane.offset == pytest.approx(0.0, abs=0.06)
 
 
-@pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_rims_narrower_than_the_noise_reaches_are_faces_of_the_outline(seed):
     """Planes grown on 10.8 mm in a noise of 1.1 mm lean up to 37 degrees: 25 faces for 14, and creases that nobody drew."""
     outer, openings = (0.0, 0.0, 0.30, 0.22), [(0.04, 0.05, 0.1, 0.12), (0.18, 0.05, 0.08, 0.12)]

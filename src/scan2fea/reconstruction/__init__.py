@@ -17,7 +17,7 @@ from scan2fea.reconstruction.bores import Bore, distinct_bores
 from scan2fea.reconstruction.coordinate_rounding import with_rounding
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.gates_planar import CURED
-from scan2fea.reconstruction.lost_bores import BORES_CLOSED, closed_bores, told_bores
+from scan2fea.reconstruction.lost_bores import BORES_CLOSED, closed_bores, told_by
 from scan2fea.reconstruction.open_sheet import open_sheet
 from scan2fea.reconstruction.planar import planar, served
 from scan2fea.reconstruction.plane_growing import Planes
@@ -25,7 +25,6 @@ from scan2fea.reconstruction.plugged import unplugged
 from scan2fea.reconstruction.poisson import poisson
 from scan2fea.reconstruction.rounded import served_smooth
 from scan2fea.reconstruction.scale_space import ScaleSpaceOptions, scale_space
-from scan2fea.reconstruction.shapes_found import grown_planes
 from scan2fea.reconstruction.sharpened import served_sharp
 from scan2fea.reconstruction.thin import distinct, thinned
 from scan2fea.reconstruction.two_answers import contradicted
@@ -96,9 +95,8 @@ def _with_flats(scan: Scan, options: ReconstructionOptions) -> tuple[Reconstruct
 
 def _planes_and_bores(scan: Scan, found: Reconstruction, before: Sequence[Bore] = ()) -> tuple[Planes | None, Sequence[Bore]]:
     """The planes under the points of a surface, and the bores that the points tell beside them, or told `before` beside others."""
-    grown = grown_planes(scan.cloud.points, found)
-    more = [] if grown is None else told_bores(scan.cloud.points, found.normals, found.spacing_m, found.sigma_m, grown)
-    return grown, distinct_bores([*before, *more])
+    told = found.told or told_by(scan.cloud.points, found.normals, found.spacing_m, found.sigma_m)
+    return told.grown, distinct_bores([*before, *told.bores])
 
 
 def _nothing_lost(found: Reconstruction, bores: Sequence[Bore], step_m: float) -> Reconstruction:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -24,7 +25,7 @@ from scan2fea.reconstruction.evidence import around, at_most
 from scan2fea.reconstruction.plane_growing import Planes, grow_planes
 from scan2fea.reconstruction.regular import EXACT
 from scan2fea.reconstruction.round_growing import CHORD, off_round_m
-from scan2fea.types import BoolArray, Check, FloatArray, TriangleMesh
+from scan2fea.types import BoolArray, Check, FloatArray, TriangleMesh, Value
 
 BORES_CLOSED = "scanned bores that are closed"
 WIDEST = 4.0  # spacings, radius: what closes a wider one is bare for all to see, and may be a bolt
@@ -47,15 +48,28 @@ WHOLE = 1.2  # of the radius: tets at the wall of a bore too
 STEPS = 64  # places on the axis
 
 
-def told_bores(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_m: float, grown: Planes | None = None) -> list[Bore]:
-    """Small round holes through walls, with points on all their wall and none within. points, normals : (n, 3) raw, and outward.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Told(Value):
+    """grown : the planes under the points; None where these are too many.   bores : those that the points tell beside them."""
 
-    grown : the planes under them, where they are known.
-    """
+    grown: Planes | None
+    bores: Sequence[Bore]
+
+
+def told_by(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_m: float) -> Told:
+    """What the points tell. points, normals : (n, 3) raw, and outward."""
     try:
-        planes = grow_planes(points, normals, spacing_m, sigma_m) if grown is None else grown
+        grown = grow_planes(points, normals, spacing_m, sigma_m)
     except ReconstructionError:
-        return []
+        return Told(grown=None, bores=())
+    return Told(grown=grown, bores=told_bores(points, normals, spacing_m, sigma_m, grown))
+
+
+def told_bores(points: FloatArray, normals: FloatArray, spacing_m: float, sigma_m: float, planes: Planes) -> list[Bore]:
+    """Small round holes through walls, with points on all their wall and none within.
+
+    points, normals : (n, 3) raw, and outward.   planes : under them.
+    """
     found = every_bore(points, planes, spacing_m, sigma_m, DEEPEST * WIDEST * spacing_m, HELD)
     if not found:
         return []

@@ -42,16 +42,8 @@ class Faces(Value):
     rounds: Rounds = NO_ROUNDS
 
 
-def grown_planes(points: FloatArray, first: Reconstruction) -> Planes | None:
-    """The planes under all points, without narrow ones; None where they would be too many. points : (n, 3) raw, in the rows of `first`."""
-    try:
-        return grow_planes(points, first.normals, first.spacing_m, first.sigma_m)
-    except ReconstructionError:
-        return None
-
-
 def flat_faces(points: FloatArray, first: Reconstruction, grown: Planes | None = None) -> Faces:
-    """The planes alone. points : (n, 3) raw, in the rows of `first`.   grown : what `grown_planes` says, where it was asked.
+    """The planes alone. points : (n, 3) raw, in the rows of `first`.   grown : what `told_by` says, where it was asked.
 
     Raises ReconstructionError where they are too few for a solid, or too many.
     """

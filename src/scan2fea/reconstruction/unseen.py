@@ -16,7 +16,7 @@ from scan2fea.reconstruction.evidence import BY_FLOOD, BY_NORMALS, Ends
 from scan2fea.reconstruction.flooding import Setting
 from scan2fea.reconstruction.gates import Evidence, Unseen, failed, gates_unseen
 from scan2fea.reconstruction.gates_outside import GAPS_ENTERED
-from scan2fea.reconstruction.lost_bores import WHOLE, closed_bores, facing_axis, in_bores, told_bores
+from scan2fea.reconstruction.lost_bores import WHOLE, Told, closed_bores, facing_axis, in_bores, told_by
 from scan2fea.reconstruction.outside import Flood, OutsideOptions, entered, floods, prepare
 from scan2fea.reconstruction.wall_ends import unseen_ends
 from scan2fea.reconstruction.winding import fitted, plain_areas, polish
@@ -30,13 +30,17 @@ BALL_AGAIN = 1.1  # the ball that rolls among the denoised points, against the f
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Answer(Value):
-    """One surface, the answer it rests on, and what the gates say of it.   flood : None where the normals of the file told the outside."""
+    """One surface, the answer it rests on, and what the gates say of it.
+
+    flood : None where the normals of the file told the outside.   told : what its points tell besides, where that was asked.
+    """
 
     carved: Carved
     evidence: Evidence
     flood: Flood | None
     checks: tuple[Check, ...]
     n_tried: int
+    told: Told | None = None
 
     @property
     def source(self) -> str:
@@ -130,7 +134,8 @@ def _by_normals(asked: _Asked, normals: FloatArray, n: int) -> Answer | None:
 
 def _with_bores(asked: _Asked, found: Answer) -> Answer:
     """The answer again with bores open that no ball enters and whose walls were scanned; that which was found where none is closed."""
-    bores = told_bores(asked.points, found.evidence.normals, asked.spacing_m, found.evidence.sigma_m)
+    told = told_by(asked.points, found.evidence.normals, asked.spacing_m, found.evidence.sigma_m)
+    found, bores = replace(found, told=told), told.bores
     if closed_bores(bores, found.carved.mesh).passed:
         return found
     try:

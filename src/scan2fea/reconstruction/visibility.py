@@ -27,7 +27,7 @@ from scan2fea.reconstruction.denoise import denoise, first_normals
 from scan2fea.reconstruction.evidence import Ends, at_most
 from scan2fea.reconstruction.gates import Evidence, failed, gates_seen
 from scan2fea.reconstruction.hidden import hidden_points
-from scan2fea.reconstruction.lost_bores import WHOLE, closed_bores, facing_axis, in_bores
+from scan2fea.reconstruction.lost_bores import WHOLE, Told, closed_bores, facing_axis, in_bores
 from scan2fea.reconstruction.opposite import with_opposite
 from scan2fea.reconstruction.outside import OutsideOptions
 from scan2fea.reconstruction.ranges import by_ranges, on_surface, ray_sigma
@@ -68,7 +68,7 @@ class Reconstruction(Value):
     sensor : what became of the sensor positions.   checks : the gates; a surface that fails one must not be shipped.   how : for the report.
     residual_m : noise left in the surface, where it is known to be less than that of the points; else None.   carried : (k, 3) points that were put
     on hidden faces of walls, whose thickness is known round about, or round the axis of a body of revolution.   ends : of walls without points, where
-    a gate refuses the surface for them.
+    a gate refuses the surface for them.   told : what the points tell besides by their normals, where that was asked.
     """
 
     mesh: TriangleMesh
@@ -84,6 +84,7 @@ class Reconstruction(Value):
     residual_m: float | None = None
     carried: FloatArray = field(default_factory=lambda: np.zeros((0, 3)))
     ends: tuple[Ends, ...] = ()
+    told: Told | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -342,7 +343,8 @@ def _unseen(
     facts.update(scans_apart(answer.evidence.between_m))
     checks = (*answer.checks, *dark_holes(answer.carved.resolved.n_dark))
     found = _result(answer.carved, spacing(cloud.points, options.seed), answer.evidence.sigma_m, answer.source, sensor, checks, facts)
-    return _first_rows(replace(found, ends=_ends(answer.checks, answer.evidence)), len(cloud))
+    told = answer.told if len(points) == len(cloud) else None
+    return _first_rows(replace(found, ends=_ends(answer.checks, answer.evidence), told=told), len(cloud))
 
 
 def _first_rows(found: Reconstruction, n: int) -> Reconstruction:

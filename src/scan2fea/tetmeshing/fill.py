@@ -20,7 +20,7 @@ from scan2fea.tetmeshing.faults import faults_in_words, require_solid
 from scan2fea.tetmeshing.naming import PATCH, Names, names_of, prove_order
 from scan2fea.tetmeshing.optimise import OptimiseOptions, optimised
 from scan2fea.tetmeshing.sizing import element_size
-from scan2fea.tetmeshing.tets import VOLUME_AGREES, boundary_of, proved, tagged, tet_mesh
+from scan2fea.tetmeshing.tets import VOLUME_AGREES, WrongVolumeError, boundary_of, proved, tagged, tet_mesh
 from scan2fea.types import Brep, FloatArray, IntArray, TetMesh, TriangleMesh, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
@@ -70,6 +70,10 @@ class _Attempt:
     per_turn: float = 0.0
 
 
+class _CutOffError(MeshingError):
+    """Straight edges on curved faces, as many round a circle as were asked for, cut off too much: another algorithm fills the same triangles."""
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Found(Value):
     nodes: FloatArray
@@ -79,6 +83,7 @@ class _Found(Value):
     done: str
     edge_m: float  # asked for; of the kept triangles (median) where the surface sets it
     per_turn: float = 0.0
+    is_as_asked: bool = False  # of a curved solid: no edge was made longer to keep within the budget
     rim: IntArray | None = None  # (e, 2) edges on curved CAD faces
     middles: FloatArray | None = None  # (e, 3) their middles there
     steps: tuple[Mapping[str, Any], ...] = ()
@@ -123,8 +128,11 @@ def _best(
     """The first attempt that is good enough, else the best that time allowed, and what was tried. Raises MeshingError where none succeeds."""
     best: tuple[_Found, _Attempt] | None = None
     tried: list[dict[str, Any]] = []
+    too_few = 0.0  # edges round a circle
     began = spent_s()
     for attempt in attempts:
+        if 0 < attempt.per_turn <= too_few:
+            continue
         left = options.time_limit_s - (spent_s() - began)
         if (best is not None and best[0].worst_deg >= ENOUGH_DEG) or (tried and left < 0.1 * options.time_limit_s):
             break
@@ -133,6 +141,7 @@ def _best(
             found = run(attempt, replace(options, time_limit_s=share))
         except MeshingError as error:
             tried.append({**vars(attempt), "error": str(error)})
+            too_few = attempt.per_turn if isinstance(error, _CutOffError) else too_few
             continue
         ran = replace(attempt, edge_m=found.edge_m, per_turn=found.per_turn)
         tried.append({**vars(ran), "done": found.done, "n_tets": len(found.tets), "min_dihedral_deg": found.worst_deg})
@@ -174,7 +183,10 @@ def _run(attempt: _Attempt, mesh: TriangleMesh, brep: Brep | None, names: Names,
     else:
         found = _from_surface({**common, "kind": "surface", "growth": attempt.growth}, mesh, names, limits)
     held, agrees = (brep.volume_m3, CHORDS) if brep is not None and brep.is_curved else (enclosed_volume(mesh), VOLUME_AGREES)
-    proved(found.nodes, found.tets, found.boundary, held, agrees)
+    try:
+        proved(found.nodes, found.tets, found.boundary, held, agrees)
+    except WrongVolumeError as error:
+        raise (_CutOffError(str(error)) if found.is_as_asked else error) from None
     if options.optimise == "none":
         return found
     better = _better(found, options)
@@ -201,9 +213,10 @@ def _from_brep(job: dict[str, Any], mesh: TriangleMesh, brep: Brep, names: Names
     boundary = boundary_of(got["tets"])
     tag = tagged(boundary, got["triangles"], names.tag_of_face[got["face"]])
     rim, middles = _rim_of(got) if brep.is_curved else (None, None)
+    as_asked = brep.is_curved and float(got["coarser"]) == 1.0 and float(got["per_turn"]) == job["per_turn"]
     return _Found(nodes=got["nodes"] * scale + centre, tets=got["tets"], boundary=boundary, face_tag=tag, done=str(got["done"]), rim=rim,
                   middles=None if middles is None else middles * scale + centre, edge_m=job["size_mm"] * float(got["coarser"]) * scale,
-                  per_turn=float(got["per_turn"]))  # fmt: skip
+                  per_turn=float(got["per_turn"]), is_as_asked=as_asked)  # fmt: skip
 
 
 def _rim_of(got: dict[str, Any]) -> tuple[IntArray, FloatArray]:

@@ -37,6 +37,10 @@ def _key(faces: IntArray, n: int) -> IntArray:
     return np.asarray((a * n + b) * n + c, np.int64)
 
 
+class WrongVolumeError(MeshingError):
+    """Tets that are all right but do not fill what they should."""
+
+
 def proved(nodes: FloatArray, tets: IntArray, boundary: IntArray, volume_m3: float, agrees: float = VOLUME_AGREES) -> None:
     """Raises MeshingError unless all tets are positive, conform, and fill `volume_m3` (to `agrees`) inside one closed manifold surface."""
     require(len(tets) > 0, MeshingError, "the mesher gave no tets: does the surface enclose a volume?")
@@ -48,7 +52,7 @@ def proved(nodes: FloatArray, tets: IntArray, boundary: IntArray, volume_m3: flo
     require(whole, MeshingError, "the boundary of the tets is not one closed surface")
     off = abs(float(volumes.sum()) / volume_m3 - 1)
     says = f"the tets fill {volumes.sum():.9g} m3, the solid holds {volume_m3:.9g} m3 (limit {agrees:g} of it)"
-    require(off <= agrees, MeshingError, says)
+    require(off <= agrees, WrongVolumeError, says)
 
 
 def with_mid_nodes(nodes: FloatArray, tets: IntArray, boundary: IntArray) -> tuple[FloatArray, IntArray, IntArray]:

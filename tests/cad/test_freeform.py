@@ -72,7 +72,7 @@ def test_a_ball_is_one_valid_solid_of_its_volume():
 
 
 def test_patches_come_closer_as_they_become_smaller():
-    off = [patches_of(quads(ball(6), n), ball(6)).off_m.max() for n in (12, 48)]
+    off = [patches_of(quads(ball(5), n), ball(5)).off_m.max() for n in (12, 48)]
     assert off[1] < off[0]
     assert off[1] < 1e-4  # of a ball of 0.1 m
 
@@ -122,8 +122,8 @@ def test_what_is_too_far_off_is_refused_with_the_figure():
 
 def test_spikes_narrower_than_patches_are_told_before_all_is_parted():
     """Single vertices pulled out of a ball: however small the tiles, no patch of three triangles follows them."""
-    mesh, limit = ball(5), 0.0005
-    up = np.arange(0, len(mesh.vertices), 200)
+    mesh, limit = ball(4), 0.0005
+    up = np.arange(0, len(mesh.vertices), 100)
     places = mesh.vertices.copy()
     places[up] *= 1.05
     found = patched_solid(TriangleMesh(vertices=places, faces=mesh.faces), spacing_m=4 * limit, noise_m=0.0)

@@ -18,12 +18,14 @@ from scan2fea.pipeline.config import load_config
 from scan2fea.pipeline.run import run
 from scan2fea.report.schema import report_schema
 
-SETTINGS = {"remeshing.max_faces": 1000, "cad.true_faces": False, "cad.patches": False, "run.jobs": 1, "input.unit": "m"}
+SETTINGS = {
+    "remeshing.max_faces": 400, "cad.true_faces": False, "cad.patches": False, "tetmeshing.optimise": "none", "run.jobs": 1, "input.unit": "m",
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def scan(tmp_path_factory):
-    n = 2000
+    n = 1500
     k = np.arange(n) + 0.5
     polar, around = np.arccos(1 - 2 * k / n), np.pi * (1 + 5**0.5) * k
     unit = np.c_[np.cos(around) * np.sin(polar), np.sin(around) * np.sin(polar), np.cos(polar)]
@@ -117,7 +119,7 @@ def test_limit_is_named_with_its_key_and_stage(key, value, words, scan, tmp_path
     assert row["verdict"] == "failed"
     assert words in row["reason"] and key in row["reason"] and "stage" in row["reason"]
     assert row["files"][0] == "cloud.ply"
-    assert row["n_points"] == 12_000
+    assert row["n_points"] == 9_000
 
 
 def turn(angle):

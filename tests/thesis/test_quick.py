@@ -3,7 +3,7 @@
 import csv
 import re
 
-from scan2fea.thesis import EXPERIMENTS, ThesisOptions, run_thesis
+from scan2fea.thesis import EXPERIMENTS, ThesisOptions, clouds, meshes, results, run_thesis, unposed
 from scan2fea.thesis.registry import REPRINTED
 
 FIGURES = [f"F2.{k}" for k in range(4, 21) if f"F2.{k}" not in REPRINTED] + [f"F3.{k}" for k in range(1, 7)] + [f"F4.{k}" for k in range(1, 54)]
@@ -15,8 +15,17 @@ def rows_of(path):
         return list(csv.DictReader(stream))
 
 
-def test_the_whole_quick_run(tmp_path):
+def make_it_smaller(monkeypatch):
+    """Than a quick run is anyway, where a size is all that differs: a shorter stretch, fewer iterations and sweeps."""
+    monkeypatch.setattr(clouds, "QUICK_LENGTH_M", 0.06)
+    for module in (meshes, results):  # the page tells it
+        monkeypatch.setattr(module, "QUICK_ITERATIONS", 12)
+    monkeypatch.setattr(unposed, "shares", lambda _: (20,))
+
+
+def test_the_whole_quick_run(tmp_path, monkeypatch):
     """One test, so that no two workers make it twice."""
+    make_it_smaller(monkeypatch)
     out = tmp_path / "out"
     made = run_thesis(out, ThesisOptions(quick=True))
     assert {name: item.failed for name, item in made.items() if item.failed} == {}

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -110,7 +111,7 @@ def test_a_face_settles_where_its_points_scatter_about():
 
 
 def test_what_is_not_flat_stays_free_form():
-    scan, _, _ = scanned(sphere(0.1, rounds=4), 0.006, seed=1)
+    scan, _, _ = scanned(sphere(0.1, rounds=4), 0.009, seed=1)
     found = reconstruct(scan)
     assert found.how["method"] == "visibility" and found.how["not_planar"]
     try:
@@ -171,7 +172,7 @@ def test_rim_is_found_without_bias():
 
 @pytest.mark.parametrize("seed", range(2))
 def test_a_bore_is_not_a_ring_of_flats(seed):
-    """Each of its flats holds a dozen points and bends within chance; together they are a cylinder. The flats of a hexagonal hole stay flats."""
+    """Each of its flats holds a dozen points and bends within chance; together they are a cylinder."""
     plate = _plate_with_hole(64, 0.012)
     scan, _, _ = scanned(plate, 0.0025, 0.0003, seed=seed)
     assert "bent faces" in {check.name for check in failed(planar_alone(scan))}
@@ -179,7 +180,10 @@ def test_a_bore_is_not_a_ring_of_flats(seed):
     assert found.how["method"] == "planar" and found.how["n_cylinders"] == 1
     assert volume(found.mesh) == pytest.approx(volume(plate), rel=0.01)  # 0.3 % standard deviation over eight seeds
     assert surface_topology(found.mesh).n_handles == 1
-    scan, _, _ = scanned(_plate_with_hole(6, 0.018), 0.002, 0.0003, seed=seed)
+
+
+def test_a_hexagonal_hole_is_one():
+    scan, _, _ = scanned(_plate_with_hole(6, 0.018), 0.002, 0.0003, seed=1)
     found = reconstruct(scan)
     assert found.how["method"] == "planar" and not found.how["n_cylinders"], found.how.get("not_planar")
     assert surface_topology(found.mesh).n_handles == 1
@@ -296,11 +300,17 @@ def test_planes_that_are_narrow_all_or_have_lost_their_points_give_no_outline():
     assert outlined_faces(scan.cloud.points, first, None) is None
 
 
-def test_narrow_planes_that_look_along_wide_ones_need_no_outline():
-    """The rims of an angle of 6.35 mm, as they are grown, and one of them made to lean."""
+@cache
+def dense():
+    """The beam by two points on its wall: points, first surface, planes as they are grown."""
     scan, _, _ = scanned(BEAM, 0.003, 0.0006, seed=1)
     points, first = scan.cloud.points, visibility(scan)
-    planes = grow_planes(points, first.normals, first.spacing_m, first.sigma_m)
+    return points, first, grow_planes(points, first.normals, first.spacing_m, first.sigma_m)
+
+
+def test_narrow_planes_that_look_along_wide_ones_need_no_outline():
+    """The rims of an angle of 6.35 mm, as they are grown, and one of them made to lean."""
+    points, first, planes = dense()
     toes = [k for k in range(4, len(planes)) if abs(planes.normal[k] @ planes.normal[0]) > 0.9]
     assert toes and outlined_faces(points, first, planes) is None
     normal = planes.normal.copy()
@@ -311,9 +321,7 @@ def test_narrow_planes_that_look_along_wide_ones_need_no_outline():
 
 def test_a_plane_whose_points_leave_most_of_it_bare_is_doubted():
     """Of those points of an angle that lie on none of its faces, spread over all of it."""
-    scan, _, _ = scanned(BEAM, 0.003, 0.0006, seed=1)
-    points, first = scan.cloud.points, visibility(scan)
-    planes = grow_planes(points, first.normals, first.spacing_m, first.sigma_m)
+    points, first, planes = dense()
     assert outlined_faces(points, first, planes) is None
     way = planes.normal[0] + planes.normal[1]
     way /= np.linalg.norm(way)

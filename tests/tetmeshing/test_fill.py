@@ -55,7 +55,7 @@ def assert_on_their_planes(filled, mesh, brep):
         assert (normal @ regions.normal[row] > 0).all()
 
 
-@pytest.mark.parametrize(("scale", "shift", "seed"), [(1.0, 0.0, 0), (1e-2, 1000.0, 1), (60.0, 1000.0, 2)])
+@pytest.mark.parametrize(("scale", "shift", "seed"), [(1e-2, 1000.0, 1), (60.0, 1000.0, 2)])
 def test_l_beam_from_its_faces_at_any_scale_and_place(scale, shift, seed):
     beam = l_beam(length=0.5, pitch=0.1)
     beam = moved(TriangleMesh(vertices=beam.vertices * scale, faces=beam.faces), rotation(seed), np.full(3, shift))
@@ -82,7 +82,7 @@ def test_plate_of_one_element_through_the_wall():
     assert filled.how["wall_m"] == pytest.approx(0.005, rel=1e-6)
 
 
-@pytest.mark.parametrize("solid", [sphere(rounds=3), torus(n=48, m=20)])
+@pytest.mark.parametrize("solid", [sphere(rounds=3), torus(n=36, m=15)])
 def test_free_form_keeps_every_triangle(solid):
     solid = moved(TriangleMesh(vertices=solid.vertices * 0.01, faces=solid.faces), rotation(4), np.full(3, 100.0))
     filled = fill(solid, to_brep(solid))
@@ -158,7 +158,7 @@ def test_many_holes_have_fewer_edges_round_them_where_the_budget_asks_for_it(tmp
 def test_two_runs_give_the_same_bytes_and_leave_the_input_alone():
     for solid in (l_beam(length=0.3), sphere(rounds=2)):
         before, brep = solid.vertices.copy(), to_brep(solid)
-        a, b = fill(solid, brep).tets, fill(solid, brep).tets
+        a, b = (fill(solid, brep, FillOptions(max_elements=6_000)).tets for _ in range(2))
         for field in dataclasses.fields(a):
             x, y = getattr(a, field.name), getattr(b, field.name)
             assert x == y if isinstance(x, tuple) else x.tobytes() == y.tobytes()
@@ -175,7 +175,7 @@ def test_options_are_obeyed():
 
 
 def test_growth_thins_out_the_inside():
-    ball = sphere(rounds=4)
+    ball = sphere(rounds=3)
     slow, fast = (fill(ball, None, FillOptions(growth=g)) for g in (0.1, 0.4))
     assert len(fast.tets.tets) < 0.7 * len(slow.tets.tets)
 

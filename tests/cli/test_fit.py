@@ -86,8 +86,8 @@ def test_points_that_are_no_member_are_one_line(says, tmp_path, capsys):
 
 
 def test_two_members_are_said_to_be_two_and_a_stub_to_be_short(tmp_path, capsys):
-    one = scanned(made("L", 1.0, L, sigma=0.0005), 3000, 0.0005, 1)
-    other = scanned(made("L", 1.0, L, shift=(0.4, 0, 0), sigma=0.0005), 3000, 0.0005, 2)
+    one = scanned(made("L", 1.0, L, sigma=0.0005), 2000, 0.0005, 1)
+    other = scanned(made("L", 1.0, L, shift=(0.4, 0, 0), sigma=0.0005), 2000, 0.0005, 2)
     for name, points, says in (
         ("two", np.r_[one, other], "two members in one cluster (L and L, side by side"),
         ("stub", one[one[:, 2] < 0.09], "shorter than its section is wide"),
@@ -103,7 +103,7 @@ def test_the_objects_of_a_file_that_is_no_member_are_told_one_by_one(tmp_path, c
     one = made("L", 1.2, L, R=rotation(1), shift=(2, 1, 0), sigma=0.001)
     other = made("RHS", 0.9, R=rotation(2), shift=(2, 3, 0.5), sigma=0.001)
     path, out = tmp_path / "two.ply", tmp_path / "member.json"
-    write_cloud_ply(path, PointCloud.of(np.concatenate([scanned(one, 5000, 0.001, 3), scanned(other, 5000, 0.001, 4)])), {})
+    write_cloud_ply(path, PointCloud.of(np.concatenate([scanned(one, 3000, 0.001, 3), scanned(other, 3000, 0.001, 4)])), {})
     assert main(["fit", str(path), "--unit", "m", "-o", str(out)]) == 4
     told = capsys.readouterr().out
     assert "2 objects found in it" in told and told.count("explains the points") == 2

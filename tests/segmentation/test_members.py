@@ -99,7 +99,7 @@ def test_three_members_each_in_one_piece_and_pure_whatever_motion_and_order():
     assert members(points).tobytes() == found.tobytes()
 
 
-@pytest.mark.parametrize("seed", [3, 4, 5])
+@pytest.mark.parametrize("seed", [3, 4])
 def test_rooms_fall_into_their_members(seed):
     room = touching_room(seed, 0.014)
     scan = joined(scan_stations(room, StationsOptions(positions_m=stations_around(room, seed), noise_m=0.001), seed))
@@ -205,7 +205,7 @@ def with_windows(h, length, pitch, opening):
     return points[~(is_web & ((points[:, 2] - 0.2 * pitch) % pitch < opening))]
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_beam_with_openings_in_its_web_is_one(seed):
     points = with_windows(0.25, 1.5, 0.225, 0.17) @ random_rotation(seed).T
     assert (members(points) == 0).all()

@@ -1,4 +1,4 @@
-"""Real scans, where they are: the steel tee leaves its table, labels of a file are believed, a bunny of ten scans is one object."""
+"""Real scans, where they are: the steel tee leaves its table, labels of a file are believed, a bunny of several scans is one object."""
 
 from pathlib import Path
 
@@ -49,10 +49,10 @@ def test_labels_of_the_file_are_believed():
 
 def test_the_bunny_is_one_object():
     folder = DATA / "registration/stanford_bunny"
-    files = [folder / name for name in ("bun000.ply", "bun045.ply", "bun090.ply", "bun180.ply", "bun270.ply", "bun315.ply", "chin.ply")]
+    files = [folder / name for name in ("bun000.ply", "bun090.ply", "bun180.ply", "bun270.ply")]
     names = [file.name for file in files]
     poses = str(folder / "bun.conf")
-    scans = [read_scan(file).scan for file in files]
+    scans = [Scan(cloud=cloud.take(np.arange(0, len(cloud), 3))) for cloud in (read_scan(file).scan.cloud for file in files)]  # a third tells as much
     placed = place(scans, read_poses(Path(poses), names), names, RegistrationOptions(poses=poses))
     assert placed.notes == ()
     assert placed.agreement_m.max() < 0.0008  # NOTES.md: 0.52 to 0.58 mm to the reference; a wrong convention gives over 20 mm

@@ -1,5 +1,7 @@
 """Curved mid nodes: the volume of a ball at the rate of quadratic edges, and what may not be curved."""
 
+import functools
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from scan2fea.tetmeshing.curve import GOOD, curved
 BALL = 4 / 3 * np.pi
 
 
+@functools.cache
 def filled(rounds):
     return fill(sphere(rounds=rounds), None, FillOptions(growth=0.8)).tets
 

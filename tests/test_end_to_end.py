@@ -23,7 +23,7 @@ def sphere_scan(n=2000, radius=0.1, sigma=0.0003, seed=3):
 
 
 FAST = ["--set", "remeshing.max_faces=600", "--set", "run.jobs=1"]
-FACETS = ["--set", "cad.true_faces=false", "--set", "cad.patches=false"]  # where nothing is asked of the faces: they take a third of a run
+FACETS = ["--set", "cad.true_faces=false", "--set", "cad.patches=false", "--set", "remeshing.max_faces=400"]  # where nothing is asked of the faces
 
 
 @pytest.fixture(scope="module")
@@ -120,7 +120,7 @@ def test_agreement_of_two_inputs_is_in_the_report(tmp_path):
     points = sphere_scan(4000)
     for k in range(2):
         np.savetxt(tmp_path / f"{k}.xyz", points[k::2], fmt="%.6f")
-    main(["run", *(str(tmp_path / f"{k}.xyz") for k in range(2)), "-o", str(tmp_path / "OUT"), "--set", "select.min_points=100000"])
+    main(["run", *(str(tmp_path / f"{k}.xyz") for k in range(2)), "-o", str(tmp_path / "OUT"), *FAST, "--set", "select.min_points=100000"])
     frames = report_of(tmp_path / "OUT")["registration"]["frames"]
     assert all(0 < frame["agreement_m"] < 0.01 for frame in frames)
     jsonschema.validate(report_of(tmp_path / "OUT"), report_schema())
@@ -168,7 +168,7 @@ POOR = {
 def test_no_solid_in_it_ends_honestly(name, tmp_path, capsys):
     points, code = POOR[name]
     np.savetxt(tmp_path / "poor.xyz", np.asarray(points, float))
-    assert main(["run", str(tmp_path / "poor.xyz"), "-o", str(tmp_path / "OUT"), "--set", "select.min_points=4"]) == code
+    assert main(["run", str(tmp_path / "poor.xyz"), "-o", str(tmp_path / "OUT"), *FAST, "--set", "select.min_points=4"]) == code
     told = capsys.readouterr().err
     assert "Traceback" not in told
     if code == 3:

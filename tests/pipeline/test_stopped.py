@@ -114,12 +114,12 @@ def test_times_of_a_stopped_object_are_those_of_its_work(scan, tmp_path):
 def test_limit_is_named_with_its_key_and_stage(key, value, words, scan, tmp_path):
     dense = tmp_path / "dense.xyz"  # too much for a second
     points = np.loadtxt(scan)
-    np.savetxt(dense, np.concatenate([points * (1 + 1e-3 * k) @ turn(k) for k in range(6)]), fmt="%.6f")
+    np.savetxt(dense, np.concatenate([points * (1 + 1e-3 * k) @ turn(k) for k in range(4)]), fmt="%.6f")
     _, row = converted(dense, tmp_path / "OUT", **{key: value})
     assert row["verdict"] == "failed"
     assert words in row["reason"] and key in row["reason"] and "stage" in row["reason"]
     assert row["files"][0] == "cloud.ply"
-    assert row["n_points"] == 9_000
+    assert row["n_points"] == 6_000
 
 
 def turn(angle):

@@ -20,7 +20,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Any, Protocol, Self
 
 import psutil
 
@@ -44,6 +44,12 @@ class Limits:
     gib: float
 
 
+class Do(Protocol):
+    """Does one object; None where it ended well."""
+
+    def __call__(self, arguments: Sequence[str], limits: Limits, say: Say, closing: threading.Event, /) -> Ended | None: ...
+
+
 class Workers:
     """The workers of a run, at most `jobs` (None: as many as there are cores) at once; leaving ends them."""
 
@@ -65,7 +71,7 @@ class Workers:
             worker.begin()
             self._idle.append(worker)
 
-    def take(self) -> _Worker:
+    def take(self) -> Do:
         """One for the caller's thread alone."""
         try:
             return self._idle.popleft()
@@ -85,7 +91,7 @@ def run_children(folders: Sequence[Path], workers: Workers, limits: Limits, say:
     lock, closing = threading.Lock(), threading.Event()
     waiting = deque(folders)
 
-    def one(worker: _Worker, folder: Path) -> None:
+    def one(worker: Do, folder: Path) -> None:
         ended = worker([str(folder)], limits, lambda event: _locked(lock, say, event), closing)
         if closing.is_set():
             return
@@ -97,7 +103,7 @@ def run_children(folders: Sequence[Path], workers: Workers, limits: Limits, say:
         with lock:
             done(folder, "" if ended is None or (folder / RESULT).exists() else ended.why)
 
-    def work(worker: _Worker) -> None:
+    def work(worker: Do) -> None:
         while not closing.is_set():
             try:
                 folder = waiting.popleft()

@@ -46,9 +46,16 @@ MARKS = ("report.json", "config.toml", KEEP)  # what tells a folder of ours from
 
 
 def run(
-    inputs: Sequence[Path], out: Path, config: Config, *, resume: bool = False, say: Say | None = None, command: Sequence[str] = ()
+    inputs: Sequence[Path],
+    out: Path,
+    config: Config,
+    *,
+    resume: bool = False,
+    say: Say | None = None,
+    command: Sequence[str] = (),
+    kind: type[Workers] = Workers,
 ) -> dict[str, Any]:
-    """All inputs are one scene; everything made goes to `out`. Returns the content of report.json.
+    """All inputs are one scene; everything made goes to `out`. Returns the content of report.json. `kind`: what converts the objects.
 
     Raises UsageError, and InputError where no input is usable; a failed object does not raise.
     """
@@ -58,7 +65,7 @@ def run(
     check_options(config.fea)
     _prepare(out, resume)
     _write_text(out / "config.toml", to_toml(config))
-    with _Log(out / "log.jsonl", say) as log, Workers(config.run.jobs) as workers:
+    with _Log(out / "log.jsonl", say) as log, kind(config.run.jobs) as workers:
         record = Record(out / KEEP, resume=resume, say=log)
         raws, rows = read_all(inputs, config.input, record, config.acquisition)
         if not resume:  # else there may be nothing to do for them

@@ -434,6 +434,23 @@ class RootFillet(Value):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class RoundHole(Value):
+    """A round hole straight through a wall of a member.
+
+    face : of the wall, that its `start` (3,) lies on, in the middle of its mouth.   through : (3,) from there to the other face, both in the world.
+    std_m : of the radius.   place_std_m : of its middle, along one direction of the face.   n_points : that tell it, on its rims and inside.
+    """
+
+    face: str
+    start: FloatArray
+    through: FloatArray
+    radius_m: float
+    std_m: float
+    place_std_m: float
+    n_points: int
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Member(Value):
     """A prismatic member: a section of `kernel.sections` swept along a nearly straight axis.
 
@@ -449,6 +466,7 @@ class Member(Value):
     bends : of a pipe with elbows, from its first end on; z of the member is then the way along the axis, and end normals are as before the bends.
     reached : faces that were not seen and are known by where both their neighbours stop.   seated : by the support that they rest on.
     root : fillets where its walls meet; the dimensions are those of its faces, which would meet in sharp corners.
+    holes : round ones through its walls; of these its dimensions, its section and its beams know nothing.
     """
 
     family: str
@@ -472,6 +490,7 @@ class Member(Value):
     seated: tuple[str, ...] = ()
     bends: tuple[Bend, ...] = ()
     root: RootFillet = RootFillet()
+    holes: tuple[RoundHole, ...] = ()
 
     def values(self) -> dict[str, float]:
         """Every dimension by name, metres."""

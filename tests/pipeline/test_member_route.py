@@ -3,9 +3,11 @@
 import json
 from dataclasses import replace
 
+import jsonschema
 import numpy as np
 import pytest
 
+from estimation.drilled import RADIUS, bolted
 from estimation.made import made
 from scan2fea.errors import UsageError
 from scan2fea.estimation.member import MemberOptions
@@ -17,6 +19,7 @@ from scan2fea.pipeline.part import Made, Part
 from scan2fea.pipeline.results import assumed
 from scan2fea.pipeline.route import RouteOptions, estimate, known_section, route_of
 from scan2fea.pipeline.run import run
+from scan2fea.report.schema import report_schema
 from scan2fea.types import CatalogueEntry, Check, PointCloud, Route, Scan
 from scan2fea.verification.member import assumed_volume_std
 from scan2fea.verification.verdict import verdict
@@ -96,6 +99,25 @@ def test_a_member_runs_to_its_files(tmp_path) -> None:
     assert len(frame["members"]) == 1 and len(frame["nodes"]) == 2
     assert "A_OUTER" in (folder / "model.inp").read_text()
     assert "*SHELL SECTION" in (folder / "model_shell.inp").read_text()
+
+
+def test_a_drilled_flat_runs_to_its_files(tmp_path) -> None:
+    points, member, n = bolted("rect", 9000, 3e-4, seed=4)
+    write_scan_ply(tmp_path / "flat.ply", Scan(cloud=PointCloud.of(points)))
+    report = run([tmp_path / "flat.ply"], tmp_path / "out", load_config(None, {"run.jobs": 1}))
+    jsonschema.validate(report, report_schema())
+    (row,) = report["objects"]
+    assert row["verdict"] == "converted" and row["route"] == "estimation", row["reason"]
+    assert f"with {n} round holes of" in row["reason"]
+    assert row["cad"]["n_planar"] == 6 and row["cad"]["n_cylindrical"] == n
+    b, t, length = (member.values()[name] for name in ("b", "t", "length"))
+    whole = b * t * length
+    assert row["surface"]["volume_m3"] == pytest.approx(whole - n * np.pi * RADIUS**2 * t, rel=0.002)
+    assert sorted(hole["along_m"] for hole in row["member"]["holes"]) == pytest.approx([0.1, 0.25], abs=1e-3)
+    for hole in row["member"]["holes"]:
+        assert abs(hole["radius_m"] - RADIUS) < 4 * hole["std_m"] < 1e-3
+    deck = (tmp_path / "out" / "objects" / "01" / "model.inp").read_text()
+    assert "HOLE_01" in deck and "END_FIRST" in deck
 
 
 def test_reconstruction_can_be_asked_for(tmp_path) -> None:

@@ -130,7 +130,7 @@ def trued(
     if not (found.is_valid and found.n_solids == 1 and found.n_free_edges == 0 and abs(found.volume_m3 / volume - 1) < READS_BACK):
         return no_solid("the STEP file does not read back as the solid that was written")
     mesh, face = triangles_of(solid, middle, scale.tolerance_m, within_m)
-    order = _order(mesh, face, found)
+    order = order_in_file(mesh, face, found)
     if order is None:
         return no_solid("the faces of the STEP file are not those that were written")
     mesh = replace(mesh, face_region=order[face])
@@ -152,7 +152,7 @@ def in_metres(surface: Surface, middle: FloatArray) -> Surface:
     return replace(surface, point=surface.point * k + middle, radius=surface.radius * k, second=second)
 
 
-def _order(mesh: TriangleMesh, face: IntArray, found: ReadBack) -> IntArray | None:
+def order_in_file(mesh: TriangleMesh, face: IntArray, found: ReadBack) -> IntArray | None:
     """For each face of the shape its place in the file, by centre and area; None where they do not pair off."""
     n = int(face.max()) + 1
     if len(found.face_area) != n:

@@ -16,7 +16,7 @@ from scan2fea.estimation.catalogue import outer_sizes
 from scan2fea.estimation.given import SIGNIFICANT, Given
 from scan2fea.pipeline.fit import FittedFile, FittedObject, fit_file, fit_objects, write_member
 from scan2fea.pipeline.route import Estimate
-from scan2fea.types import Bend, CatalogueEntry, Member, Parameter, RootFillet, SectionChange
+from scan2fea.types import Bend, CatalogueEntry, Member, Parameter, RootFillet, RoundHole, SectionChange
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 NOT_EXPLAINED = 4
@@ -114,6 +114,7 @@ def _facts(member: Member) -> list[tuple[str, str]]:
     rows.append(("axis", _axis(member)))
     rows += [("section", _change(member.change))] if member.change is not None else []
     rows += [("bends" if k == 0 else "", _bend(bend)) for k, bend in enumerate(member.bends)]
+    rows += [("holes" if k == 0 else "", _hole(member, hole)) for k, hole in enumerate(member.holes)]
     families = sorted(member.families.items(), key=lambda item: -item[1])
     rows.append(("families", ", ".join(f"{name} {_probability(p)}" for name, p in families[:4] if p > 5e-4)))
     rows += [
@@ -170,6 +171,12 @@ def _bend(bend: Bend) -> str:
     radius, std = bend.radius_m * MILLIMETRES_PER_METRE, bend.radius_std_m * MILLIMETRES_PER_METRE
     turn = f"{math.degrees(bend.angle_rad):.2f} +- {math.degrees(bend.angle_std_rad):.2g} deg"
     return f"{turn}, radius of the axis {radius:.1f} +- {std:.2g} mm, {bend.start_m:.3f} m from the first end along the axis"
+
+
+def _hole(member: Member, hole: RoundHole) -> str:
+    across, std = 2 * hole.radius_m * MILLIMETRES_PER_METRE, 2 * hole.std_m * MILLIMETRES_PER_METRE
+    along = float((hole.start - member.T_world_member[:3, 3]) @ member.T_world_member[:3, 2])
+    return f"{across:.2f} +- {std:.2g} mm across, through {hole.face}, {along:.4f} m from the first end"
 
 
 def _axis(member: Member) -> str:

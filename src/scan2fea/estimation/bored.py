@@ -10,13 +10,12 @@ are the circles through three points of the two faces that hold no other and hav
     inside    that as many points lie inside the wall there: the most of what the whole wall, the points of its faces there and the wall around the
               place make likely, as a Poisson count.
 
-A hole is told where their product is below `_CHANCE` over all circles of the wall (Bonferroni).
+A hole is told where their product is below `CHANCE` over all circles of the wall (Bonferroni).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,36 +23,27 @@ from scipy.spatial import cKDTree
 from scipy.special import pdtrc
 
 from scan2fea.estimation.holes import Hole
-from scan2fea.estimation.outline import edge_lengths, first_across, inward
+from scan2fea.estimation.walls import Wall, walls_of
 from scan2fea.kernel.empty_circles import empty_circles
 from scan2fea.kernel.planar_grid import PlanarGrid
-from scan2fea.kernel.sections import ROUND, section
-from scan2fea.types import FloatArray, Member, Section, Value
+from scan2fea.types import FloatArray, Member, Value
 
-_CHANCE = 1e-6  # that a wall without a hole shows one
+CHANCE = 1e-6  # that a wall without a hole shows one
 _BESIDE = 3.0  # radii of the place within which the wall around it is asked
 _NEAR_SIGMAS = 4.0  # of noise: points of a face
 _DEEP_SIGMAS, _DEEP_WALL = 3.0, 0.25  # of noise, and of the wall: points inside it lie deeper under both faces
 _SECTORS, _RING = 8, 2.0  # a point in each sector, however it is turned, between the circle and one so much wider
 _LOOKS = 64  # directions in which such a circle may leave the wall
-_FLAT = 1e-3  # of the cosine between the faces of a wall
 _LEAST = 16  # points of a wall
-_ASKED = 4  # places at which the two faces of a wall lie across from each other
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Wall(Value):
-    """A wall laid flat. name : of its first face.   along : (n,) places of points along that face, m.   depth : (n,) under it.   wall_m : thickness.
-    low, high : m, of the stretch that both faces share.   turn : m, once around; 0 of a flat wall.
-    """
+class Mouth(Value):
+    """Where a hole goes through a wall. place : (2,) its middle, along the face and along the member, m.   radius_m : of the circle that is empty."""
 
-    name: str
-    along: FloatArray
-    depth: FloatArray
-    wall_m: float
-    low: float
-    high: float
-    turn: float = 0.0
+    wall: Wall
+    place: FloatArray
+    radius_m: float
 
 
 def bored(member: Member, local: FloatArray, sigma_m: float, *, faces_tell: bool = True) -> tuple[Hole, ...]:
@@ -61,48 +51,21 @@ def bored(member: Member, local: FloatArray, sigma_m: float, *, faces_tell: bool
 
     faces_tell : whether a place without points speaks for a hole; not where rays say that it was not looked at.
     """
-    shape, length = section(member.family, member.values()), member.values()["length"]
+    found = mouths(member, local, sigma_m, faces_tell=faces_tell)
+    return tuple(Hole(face=m.wall.name, places=_disc(m.place, m.radius_m), cell_m=m.radius_m / 2) for m in found)
+
+
+def mouths(
+    member: Member, local: FloatArray, sigma_m: float, *, faces_tell: bool = True, chance: float = CHANCE
+) -> tuple[Mouth, ...]:
+    """The same, each in its wall, which holds the points between the ends of the member. chance : that a wall without a hole shows one."""
+    length = member.values()["length"]
     own = local[(local[:, 2] > 0) & (local[:, 2] < length)]
-    walls = _round_wall(member, shape, own) if member.family in ROUND else _flat_walls(shape, own)
-    return tuple(hole for wall in walls for hole in _of_wall(wall, own[:, 2], length, sigma_m, faces_tell))
+    return tuple(mouth for wall in walls_of(member, own) for mouth in _of_wall(wall, length, sigma_m, faces_tell, chance))
 
 
-def _flat_walls(shape: Section, local: FloatArray) -> Iterator[_Wall]:
-    start = np.concatenate(shape.loops)
-    way = np.concatenate([np.roll(loop, -1, axis=0) - loop for loop in shape.loops])
-    names = [name for loop in shape.face_names for name in loop]
-    lengths = edge_lengths(shape)
-    unit = way / lengths[:, None]
-    into = inward(shape)
-    for i in range(len(start)):
-        for j in range(i + 1, len(start)):
-            apart = float((start[j] - start[i]) @ into[i])
-            if into[i] @ into[j] > _FLAT - 1 or apart <= 0:
-                continue
-            ends = np.sort([(start[j] - start[i]) @ unit[i], (start[j] + way[j] - start[i]) @ unit[i]])
-            low, high = max(0.0, float(ends[0])), min(float(lengths[i]), float(ends[1]))
-            if high - low <= apart:  # as thick as wide: no wall
-                continue
-            asked = start[i] + np.linspace(low, high, _ASKED + 2)[1:-1, None] * unit[i]
-            hit, _ = first_across(asked, np.tile(into[i], (_ASKED, 1)), shape, np.full(_ASKED, i))
-            if (hit == j).all():  # not through a web to the flange beyond
-                off = local[:, :2] - start[i]
-                yield _Wall(name=names[i], along=off @ unit[i], depth=off @ into[i], wall_m=apart, low=low, high=high)
-
-
-def _round_wall(member: Member, shape: Section, local: FloatArray) -> Iterator[_Wall]:
-    values = member.values()
-    if "t" not in values:
-        return
-    first, radius = shape.loops[0][0], values["d"] / 2
-    angle = np.mod(np.arctan2(local[:, 1], local[:, 0]) - math.atan2(first[1], first[0]), 2 * math.pi)
-    turn = 2 * math.pi * radius
-    depth = radius - np.hypot(local[:, 0], local[:, 1])
-    yield _Wall(name=shape.face_names[0][0], along=angle * radius, depth=depth, wall_m=values["t"], low=0.0, high=turn, turn=turn)
-
-
-def _of_wall(wall: _Wall, z: FloatArray, length: float, sigma_m: float, faces_tell: bool) -> list[Hole]:
-    over = wall.turn / 2  # of a round wall, so that a hole at its seam is one
+def _of_wall(wall: Wall, length: float, sigma_m: float, faces_tell: bool, allowed: float) -> list[Mouth]:
+    z, over = wall.z, wall.turn / 2  # of a round wall, so that a hole at its seam is one
     at = np.stack([wall.along, z], 1)
     on = (wall.along > wall.low) & (wall.along < wall.high) & (wall.depth > -_NEAR_SIGMAS * sigma_m)
     on &= wall.depth < wall.wall_m + _NEAR_SIGMAS * sigma_m
@@ -134,15 +97,15 @@ def _of_wall(wall: _Wall, z: FloatArray, length: float, sigma_m: float, faces_te
         found, beside = (_count(within, middle[rows], times * reach) for times in (1.0, _BESIDE))
         shares = (math.pi * reach**2 / ((wall.high + over - wall.low) * length), near.n_within(middle[rows], reach) / len(face))
         chance = np.maximum(len(deep) * np.maximum(*shares), (beside - found) / (_BESIDE**2 - 1))
-    told = faces + _log_as_many(found, chance) < math.log(_CHANCE / len(radius))
+    told = faces + _log_as_many(found, chance) < math.log(allowed / len(radius))
     rows, found = rows[told], found[told]
-    holes, free = list[Hole](), np.ones(len(rows), bool)
+    holes, free = list[Mouth](), np.ones(len(rows), bool)
     for k in np.lexsort((-radius[rows], -found)):
         row = rows[k]
         wide = _RING * float(radius[row])
         if free[k] and _around(np.concatenate([face, _off_wall(middle[row], wide, wall, over, length)]) - middle[row], wide):
             free &= np.linalg.norm(middle[rows] - middle[row], axis=1) > 2 * radius[row]
-            holes.append(Hole(face=wall.name, places=_disc(middle[row], float(radius[row])), cell_m=float(radius[row]) / 2))
+            holes.append(Mouth(wall=wall, place=middle[row], radius_m=float(radius[row])))
     return holes
 
 
@@ -166,11 +129,11 @@ def _count(tree: cKDTree, at: FloatArray, reach: FloatArray) -> FloatArray:
     return np.asarray(tree.query_ball_point(at, reach, return_length=True), float)
 
 
-def _unrolled(at: FloatArray, wall: _Wall, over: float) -> FloatArray:
+def _unrolled(at: FloatArray, wall: Wall, over: float) -> FloatArray:
     return np.concatenate([at, at[at[:, 0] < over] + [wall.turn, 0.0]]) if wall.turn else at
 
 
-def _off_wall(middle: FloatArray, reach: float, wall: _Wall, over: float, length: float) -> FloatArray:
+def _off_wall(middle: FloatArray, reach: float, wall: Wall, over: float, length: float) -> FloatArray:
     """(k, 2) places at a distance from a middle that lie beyond the wall: nothing is missing there."""
     turn = np.arange(_LOOKS) * 2 * math.pi / _LOOKS
     at = middle + reach * (1 - 1e-9) * np.stack([np.cos(turn), np.sin(turn)], 1)

@@ -54,6 +54,7 @@ from scan2fea.estimation.ray_voids import in_sheets, seen_through
 from scan2fea.estimation.reach import end_rows, reach
 from scan2fea.estimation.rim import BAR_OF, hollow, is_unsure, with_rim
 from scan2fea.estimation.root_fillet import roots_of, squared
+from scan2fea.estimation.round_holes import round_holes
 from scan2fea.estimation.slopes import at_middle, parallel, slope_of
 from scan2fea.estimation.swept import Sweep, sweep_of
 from scan2fea.estimation.systematic import even_spacing, face_error, thinned_spacing, widened
@@ -198,7 +199,7 @@ def _sharp(scan: Scan, options: MemberOptions, fixed: Mapping[str, float] | None
     inside = sensor_inside(scan, found.member)
     if inside:
         found = dataclasses.replace(found, why={**found.why, "sensor": inside})
-    elif found.member.change is None and needs_rays(scan, found.member, found.explains) and _rays_may_help(scan, found.explanation, options.seed):
+    elif found.member.change is None and needs_rays(scan, found.member, found.explains) and _rays_may_help(scan, found, options.seed):
         member, told, why_not = refined(scan, found.member, found.explanation, fixed or {}, families, options.seed)
         by_rays = not why_not
         found = dataclasses.replace(
@@ -434,9 +435,10 @@ def _is_hopeless(told: Explanation) -> bool:
     return told.voids > 0 or told.crowd_share > _CROWDED or told.noise_excess > _HOPELESS
 
 
-def _rays_may_help(scan: Scan, told: Explanation, seed: int) -> bool:
+def _rays_may_help(scan: Scan, found: MemberFit, seed: int) -> bool:
     """Whether the points leave it open, or are none to ask: in sheets of rays, holes, crowds and scatter are the sensor's."""
-    return not _is_hopeless(told) or in_sheets(scan, seed)
+    hopeless = _is_hopeless(found.explanation) or (not found.explains and bool(round_holes(_checked(scan), found.member, seed)))
+    return not hopeless or in_sheets(scan, seed)
 
 
 def _tested(fixed: Mapping[str, float], free: SectionFit | None, family: str, ends: Ends) -> tuple[float | None, tuple[Given, ...]]:

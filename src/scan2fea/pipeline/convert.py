@@ -96,7 +96,7 @@ def _chain(made: Made, source: Tracked[Part], config: Config, record: Record) ->
 
     made.model, made.result = _solved(made, tets, member, config, record)
     model, solved = made.model, made.result
-    made.checks += response_checks(model, solved)
+    made.checks += response_checks(model, solved, is_prism=member is None or not member.value.holes)
 
 
 def _solved(

@@ -10,7 +10,7 @@ import numpy as np
 
 from scan2fea.estimation.given import Given
 from scan2fea.estimation.root_fillet import OPEN, TUBE
-from scan2fea.types import Member
+from scan2fea.types import Member, RoundHole
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 
@@ -62,6 +62,7 @@ def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Giv
             }
             for b in member.bends
         ],
+        "holes": [hole_row(member, hole) for hole in member.holes],
         "end_normals": np.asarray(member.end_normals).tolist(),
         "residual": {"sigma_m": member.sigma_m, "noise": member.noise, "outlier_share": member.outlier_share},
         "seen": dict(member.seen),
@@ -95,6 +96,31 @@ def member_row(member: Member, p_fixed: float | None = None, given: Sequence[Giv
             for d in member.damage
         ],
     }
+
+
+def hole_row(member: Member, hole: RoundHole) -> dict[str, Any]:
+    """A round hole; `along_m` is how far along the member it is, from its first end."""
+    T = np.asarray(member.T_world_member)
+    return {
+        "face": hole.face,
+        "radius_m": hole.radius_m,
+        "std_m": hole.std_m,
+        "start_m": np.asarray(hole.start).tolist(),
+        "through_m": np.asarray(hole.through).tolist(),
+        "along_m": float((hole.start - T[:3, 3]) @ T[:3, 2]),
+        "place_std_m": hole.place_std_m,
+        "n_points": hole.n_points,
+    }
+
+
+def holed(member: Member) -> str:
+    """The round holes of a member, for the verdict's line."""
+    if not member.holes:
+        return ""
+    sizes = [2 * hole.radius_m * MILLIMETRES_PER_METRE for hole in member.holes]
+    low, high = f"{min(sizes):.4g}", f"{max(sizes):.4g}"
+    across = f"{low} mm" if low == high else f"{low} to {high} mm"
+    return f"; with {len(sizes)} round hole{'s' * (len(sizes) > 1)} of {across}, which its beams, shells and closed forms do not have"
 
 
 def changing(member: Member) -> str:

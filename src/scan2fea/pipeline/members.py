@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from scan2fea.cad import prism_brep
+from scan2fea.cad import Drilled, drilled, prism_brep
 from scan2fea.estimation.given import contradictions
 from scan2fea.estimation.layers import layers_of
 from scan2fea.estimation.solid import Solid, solid_of
 from scan2fea.kernel.noise import spacing
+from scan2fea.kernel.outline import Edge, Outline
 from scan2fea.pipeline.assigned import own_section
 from scan2fea.pipeline.config import Config
 from scan2fea.pipeline.drift import moved
 from scan2fea.pipeline.part import Made, Part
 from scan2fea.pipeline.record import Record, Tracked
 from scan2fea.pipeline.route import ESTIMATION, RECONSTRUCTION, Estimate, estimate, route_of
-from scan2fea.tetmeshing import layered
+from scan2fea.tetmeshing import Filled, FillOptions, fill, layered
 from scan2fea.types import Brep, Member, Route, TetMesh
 from scan2fea.verification.given import given_checks
 from scan2fea.verification.member import bare_wall_checks, length_checks, member_checks, strip_checks
@@ -83,13 +84,49 @@ def build_member(made: Made, member: Tracked[Member], config: Config, record: Re
     made.spacing_m, made.sigma_m = spacing(scan.cloud.points), member.value.sigma_m
     made.sensor = "known" if np.isfinite(scan.sensors()).all() else "unknown"
     solid = record("member", solid_of, member, options=config.solid, n_in=len(member.value.parameters), count=lambda s: len(s.face_names))
-    moved(made, "member", solid.value.mesh)
     n = len(solid.value.face_names)
+    if member.value.holes:
+        return _drilled(made, solid, member, config, record)
+    moved(made, "member", solid.value.mesh)
     brep = record("solid", _brep, solid, n_in=n, count=lambda b: len(b.face_names))
     made.brep = brep.value
     tets = record("tets", _tets, solid, n_in=n, count=lambda t: len(t.tets))
     made.tets = tets.value
     return tets
+
+
+def _drilled(made: Made, solid: Tracked[Solid], member: Tracked[Member], config: Config, record: Record) -> Tracked[TetMesh]:
+    """The same with the holes of the member. Its tets follow the chamfers that stand for fillets, as without holes, and the cylinders."""
+    n = len(solid.value.face_names) + len(member.value.holes)
+    brep = record("solid", _with_holes, solid, member, n_in=n, count=_n_faces)
+    made.brep = brep.value.brep
+    shape = record("holes", _chamfered, solid, member, n_in=n, count=_n_faces)
+    moved(made, "member", shape.value.mesh)
+    filled = record("tets", _fill, shape, options=config.tetmeshing, n_in=n, count=lambda f: len(f.tets.tets))
+    made.how.update(filled.value.how)
+    made.tets = filled.value.tets
+    return Tracked(filled.value.tets, filled.key)
+
+
+def _n_faces(found: Drilled) -> int:
+    return len(found.brep.face_names)
+
+
+def _with_holes(solid: Solid, member: Member) -> Drilled:
+    return drilled(_brep(solid), member.holes)
+
+
+def _chamfered(solid: Solid, member: Member) -> Drilled:
+    """Solid with holes of the polygons that the mesh of a member sweeps."""
+    loops = []
+    for points, names in zip(solid.loops, solid.loop_names, strict=True):
+        ends = zip(names, points, np.roll(points, -1, axis=0), strict=True)
+        loops.append(tuple(Edge(name=name, start=start, end=end) for name, start, end in ends))
+    return drilled(prism_brep(Outline(family=solid.shape.family, loops=tuple(loops)), solid.mesh_sweep), member.holes)
+
+
+def _fill(shape: Drilled, options: FillOptions) -> Filled:
+    return fill(shape.mesh, shape.brep, options)
 
 
 def _brep(solid: Solid) -> Brep:

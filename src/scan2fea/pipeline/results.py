@@ -26,7 +26,7 @@ from scan2fea.kernel.topology import surface_topology
 from scan2fea.pipeline.against import drawing_row, drawing_words
 from scan2fea.pipeline.config import Config, known_keys
 from scan2fea.pipeline.frames import registration_row
-from scan2fea.pipeline.member_rows import changing, damaged, member_row, rooted
+from scan2fea.pipeline.member_rows import changing, damaged, holed, member_row, rooted
 from scan2fea.pipeline.part import Made
 from scan2fea.pipeline.route import Estimate
 from scan2fea.pipeline.scene import Scene
@@ -286,7 +286,7 @@ def assumed(member: Member) -> str:
     unseen = sum(share < SEEN for share in member.seen.values())
     rests = f"; {', '.join(member.seated)}: from the plane that it rests on" if member.seated else ""
     follow = f"; {unseen} of {len(member.seen)} faces of the section were not seen, they follow from the others" if unseen else ""
-    return prior + changing(member) + damaged(member) + rooted(member) + rests + follow
+    return prior + changing(member) + holed(member) + damaged(member) + rooted(member) + rests + follow
 
 
 def left_out(found: Estimate) -> str:

@@ -26,6 +26,7 @@ from scan2fea.estimation.joined import NO_PLANE, ended_at, joints
 from scan2fea.estimation.lacking import lack
 from scan2fea.estimation.member import MemberFit, MemberOptions, fit_member
 from scan2fea.estimation.resting import END, abutting, rested, standing
+from scan2fea.estimation.round_holes import in_world, plugged, round_holes
 from scan2fea.estimation.seated import seated
 from scan2fea.estimation.several import several_members
 from scan2fea.estimation.slopes import parallel
@@ -40,7 +41,7 @@ from scan2fea.kernel.sections import PARAMETERS, ROUND
 from scan2fea.options import option
 from scan2fea.pipeline.dimension_doubt import PoseDoubt, coarsened, widened
 from scan2fea.pipeline.stations import larger_doubt
-from scan2fea.types import FloatArray, Footing, Member, PointCloud, RootFillet, Route, Scan, Value
+from scan2fea.types import FloatArray, Footing, Member, PointCloud, RootFillet, RoundHole, Route, Scan, Value
 from scan2fea.units import MILLIMETRES_PER_METRE
 
 ESTIMATION, RECONSTRUCTION = "estimation", "reconstruction"
@@ -187,7 +188,7 @@ def _straight(
     inferred = scan.cloud.is_inferred
     try:
         options = replace(options, family=section.family or options.family, whole=options.whole or section.whole)
-        fit = fit_member(scan, options, section.fixed, section.nominal, covers)
+        scan, fit, holes = _drilled(scan, options, section, covers)
     except InputError as error:
         return Estimate(member=None, explains=False, reason=str(error))
     except EstimationError as error:
@@ -225,7 +226,7 @@ def _straight(
     except EstimationError as error:
         return Estimate(member=None, explains=False, reason=str(error), strip=strip)
     if fit.explains:
-        member = replace(member, damage=damages(scan.cloud.points, member, member.sigma_m, options.seed))
+        member = replace(member, damage=damages(scan.cloud.points, member, member.sigma_m, options.seed), holes=holes)
     return Estimate(
         member=member, explains=fit.explains, reason=_reason(fit, options, step_m, apart_m), apart_m=apart_m, p_fixed=fit.p_fixed, given=fit.given,
         whole=options.whole, strip=strip,
@@ -234,6 +235,22 @@ def _straight(
         bare_share=share_of_sides(told.cuts, fit.member) if fit.explains else 0.0,
         lack=lack(scan.cloud.points, fit.member, options.seed) if fit.explains and not fit.member.root.radius_m else 0.0,
     )  # fmt: skip
+
+
+def _drilled(
+    scan: Scan, options: MemberOptions, section: KnownSection, covers: Sequence[FloatArray]
+) -> tuple[Scan, MemberFit, tuple[RoundHole, ...]]:
+    """The fit, and the round holes through the walls of what explains the points but for these: then of the scan as it would be without them."""
+    fit = fit_member(scan, options, section.fixed, section.nominal, covers)
+    if fit.explains or fit.method != "density":
+        return scan, fit, ()
+    holes = round_holes(_measured(scan), fit.member, options.seed)
+    if not holes:
+        return scan, fit, ()
+    whole = plugged(scan, fit.member, holes, options.seed)
+    again = fit_member(whole, options, section.fixed, section.nominal, covers)
+    holes = round_holes(_measured(scan), again.member, options.seed) if again.explains else ()
+    return (whole, again, in_world(holes, _measured(scan), again.member)) if holes else (scan, fit, ())
 
 
 def _ended(

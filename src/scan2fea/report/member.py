@@ -233,8 +233,15 @@ def _facts(member: Row) -> Html:
     rows += _rolled(member.get("root"))
     rows += _change(member.get("change"))
     rows += [(f"Bend {k + 1}", _bend(bend)) for k, bend in enumerate(_rows(member.get("bends")))]
+    rows += [(f"Hole {k + 1}", _hole(hole)) for k, hole in enumerate(_rows(member.get("holes")))]
     rows += [("Given dimensions", f"p-value {number(member['p_fixed'], 2)}")] if is_number(member.get("p_fixed")) else []
     return facts(rows) if rows else NOTHING
+
+
+def _hole(hole: Row) -> str:
+    across = with_deviation(2 * MILLIMETRES_PER_METRE * hole["radius_m"], 2 * MILLIMETRES_PER_METRE * hole["std_m"])
+    at = with_deviation(MILLIMETRES_PER_METRE * hole["along_m"], MILLIMETRES_PER_METRE * hole["place_std_m"])
+    return f"{across} mm across, through {str(hole['face']).replace('_', ' ').lower()}, {at} mm from the first end"
 
 
 def _rolled(root: object) -> list[tuple[str, object]]:

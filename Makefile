@@ -38,7 +38,8 @@ $(VENV)/.installed: pyproject.toml requirements.lock system.sh
 	@[ -n "$(PYTHON)" ] || { echo "no Python 3.11, 3.12 or 3.13 found: install one, or name it: make PYTHON=/path/to/python3.12" >&2; exit 1; }
 	PYTHON=$(PYTHON) sh ./system.sh run
 	$(PYTHON) -m venv $(VENV)
-	$(RUN) -m pip install --quiet -r requirements.lock
+	@# not all 5,000 modules at once on one core (half a minute): Python compiles those that are imported
+	$(RUN) -m pip install --quiet --no-compile -r requirements.lock
 	$(RUN) -m pip install --quiet --no-deps -e .
 	@echo "compiling the kernels once (two to four minutes)"
 	$(RUN) -m scan2fea.pipeline.warm
@@ -46,7 +47,7 @@ $(VENV)/.installed: pyproject.toml requirements.lock system.sh
 
 $(VENV)/.installed-dev: $(VENV)/.installed requirements-dev.lock
 	sh ./system.sh test
-	$(RUN) -m pip install --quiet -r requirements-dev.lock
+	$(RUN) -m pip install --quiet --no-compile -r requirements-dev.lock
 	touch $@
 
 clean:

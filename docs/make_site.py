@@ -30,8 +30,8 @@ MENU = {
     "Begin": ("index", "start", "gallery", "report", "sensors", "limits"),
     "Reference": ("commands", "options", "changelog"),
     "Theory": (
-        "theory", "acquisition", "fusion", "registration", "filtering", "segmentation", "kinds", "estimation", "reconstruction", "ranges", "meshing",
-        "cad", "fea", "simulation", "thesis",
+        "theory", "acquisition", "fusion", "registration", "filtering", "segmentation", "kinds", "estimation", "holes", "reconstruction", "ranges",
+        "meshing", "cad", "fea", "simulation", "thesis",
     ),
     "The code": ("design", "contributing"),
 }  # fmt: skip

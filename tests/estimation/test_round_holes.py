@@ -54,6 +54,19 @@ def test_a_hole_that_is_longer_than_wide_is_no_round_one():
     assert round_holes(squeezed(points, "rect", member, 1.25), member) == ()
 
 
+def test_a_countersunk_hole_is_no_cylinder():
+    points, member, _ = bolted("rect", 30_000, 0.0, seed=1)
+    low, high = WALLS["rect"][1](member.values()["t"])
+    for middle in middles("rect", member):
+        away = points[:, [0, 2]] - middle
+        rho = np.linalg.norm(away, axis=1)
+        share = 1 + 0.3 * (points[:, 1] - low) / (high - low) * (np.abs(rho - RADIUS) < 1e-9)  # its side becomes a cone
+        points[:, [0, 2]] = middle + share[:, None] * away
+        points = points[(points[:, 1] < high - 1e-6) | (np.linalg.norm(points[:, [0, 2]] - middle, axis=1) > 1.3 * RADIUS)]
+    points += 3e-4 * np.random.default_rng(2).standard_normal(points.shape)
+    assert round_holes(points, member) == ()
+
+
 def test_a_hole_with_a_bottom_does_not_go_through():
     points, member, _ = bolted("rect", 30_000, 3e-4, seed=1)
     rng = np.random.default_rng(3)

@@ -11,8 +11,9 @@ and the densities lambda, each as its own surface was seen, are those that make 
 middle and radius is then climbed; its curvature gives their covariance. Noise far below the distance between points would leave steps, not slopes:
 the points are blurred by chance first, a known width.
 
-A hole is round where no harmonic of its rim departs from the circle by more than chance and mill tolerance, goes through where both faces lack the
-points that those around foretell, or one does and points lie on its side. A member with others is left to reconstruction.
+A hole is a cylinder where no harmonic of its rim departs from the circle, nor one mouth from the other, by more than chance and mill tolerance. It
+goes through where both faces lack the points that those around foretell, or one does and points lie on its side. A member with others is left to
+reconstruction.
 """
 
 from __future__ import annotations
@@ -195,26 +196,30 @@ def _plane(x: FloatArray, depth: FloatArray, at: float, wall: Wall, sigma_m: flo
 def _terms(around: _Around, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(4, n) densities of the two faces, the side and strays at the points, each of unit lambda; (4,) the mass of each.
 
-    theta : (3 + 2 m,) middle, radius, and cosine and sine of m harmonics of the rim.
+    theta : (3,) middle and radius, or (4 + 2 m,) with cosine and sine of m harmonics of the rim, and how much wider than in the middle of the wall
+    the hole is at its first face.
     """
     sigma, wall = around.sigma_m, around.wall_m
     off = around.x - theta[:2]
     rho = np.hypot(off[:, 0], off[:, 1])
-    rim = theta[2]
+    u = (rho - theta[2]) / sigma
+    under = [around.depth - p[0] - around.x @ p[1:] for p in around.planes]
+    wider = 0.0
     if len(theta) > 3:
         turn = np.arctan2(off[:, 1], off[:, 0])
-        rim = rim + sum(theta[3 + 2 * k] * np.cos(m * turn) + theta[4 + 2 * k] * np.sin(m * turn) for k, m in enumerate(_HARMONICS))
-    u = (rho - rim) / sigma
-    phi = np.exp(-(u**2) / 2) / math.sqrt(2 * math.pi)
-    open_face = ndtr(u) + sigma / (2 * theta[2]) * phi
-    under = [around.depth - p[0] - around.x @ p[1:] for p in around.planes]
+        u -= sum(theta[3 + 2 * k] * np.cos(m * turn) + theta[4 + 2 * k] * np.sin(m * turn) for k, m in enumerate(_HARMONICS)) / sigma
+        wider = float(theta[-1]) / sigma
+    at = [u - wider, u + wider, u - wider * np.clip(1 - 2 * under[0] / wall, -1, 1)]  # at either face, and at its depth
+    phi = [np.exp(-(v**2) / 2) / math.sqrt(2 * math.pi) for v in at]
     flat = [np.exp(-((d / sigma) ** 2) / 2) / (math.sqrt(2 * math.pi) * sigma) for d in under]
-    side = np.sqrt(theta[2] / np.maximum(rho, 1e-3 * theta[2])) * phi / sigma * (ndtr(under[0] / sigma) - ndtr(under[1] / sigma))
+    face_1, face_2 = ((ndtr(at[k]) + sigma / (2 * theta[2]) * phi[k]) * flat[k] for k in (0, 1))
+    side = np.sqrt(theta[2] / np.maximum(rho, 1e-3 * theta[2])) * phi[2] / sigma * (ndtr(under[0] / sigma) - ndtr(under[1] / sigma))
     bulge = math.pi / 2 * float((theta[3:] ** 2).sum())
     face = math.pi * (around.reach_m**2 - theta[2] ** 2) - bulge
     deep = wall + 2 * _REACH * sigma
-    mass = np.array([face, face, 2 * math.pi * theta[2] * wall, math.pi * around.reach_m**2 * deep])
-    return np.stack([open_face * flat[0], open_face * flat[1], side, np.ones(len(rho))]), mass
+    cone = 2 * math.pi * theta[2] * wider * sigma
+    mass = np.array([face - cone, face + cone, 2 * math.pi * theta[2] * wall, math.pi * around.reach_m**2 * deep])
+    return np.stack([face_1, face_2, side, np.ones(len(rho))]), mass
 
 
 def _log_likelihood(around: _Around, theta: FloatArray) -> float:
@@ -264,10 +269,10 @@ def _covariance(around: _Around, theta: FloatArray) -> FloatArray | None:
 
 
 def _is_round(around: _Around, theta: FloatArray) -> bool:
-    """Whether no harmonic of the rim departs from a circle by more than chance and mill tolerance (score test)."""
-    wavy = np.r_[theta, np.zeros(2 * len(_HARMONICS))]
-    for k in range(len(_HARMONICS)):
-        first, second = _slopes(around, wavy, (3 + 2 * k, 4 + 2 * k))
+    """Whether no harmonic of the rim departs from a circle, nor one mouth from the other, by more than chance and mill tolerance (score test)."""
+    wavy = np.r_[theta, np.zeros(2 * len(_HARMONICS) + 1)]
+    for rows in (*((3 + 2 * k, 4 + 2 * k) for k in range(len(_HARMONICS))), (len(wavy) - 1,)):
+        first, second = _slopes(around, wavy, rows)
         if not np.isfinite(second).all() or np.linalg.eigvalsh(-second).min() <= 0:
             return False
         size = np.linalg.solve(-second, first)

@@ -81,7 +81,20 @@ def test_a_hole_of_which_one_mouth_alone_was_seen_is_told_by_its_side():
     low, high = WALLS["rect"][1](member.values()["t"])
     depth = (points[:, 1] - low) / (high - low)
     assert len(round_holes(points[depth < 0.8], member)) == n
-    assert round_holes(points[depth < 0.15], member) == ()
+    one_face = points[depth < 0.15]
+    assert round_holes(one_face, member) == ()
+    rays = through(member, 4)
+    assert len(round_holes(one_face, member, rays=rays)) == n
+    stopped = replace(rays, range_m=np.full(len(rays), 3.0))
+    assert round_holes(one_face, member, rays=stopped) == ()
+
+
+def through(member, each):
+    """Sight lines from 3 m below through each hole of the flat, 2 m on."""
+    middle = np.repeat([[x, 0.0, z] for x, z in middles("rect", member)], each, axis=0)
+    middle[:, 0] += np.tile(np.linspace(-0.3, 0.3, each), len(middle) // each) * RADIUS
+    origin = middle - [0.0, 3.0, 0.0]
+    return Rays(origin=origin, direction=np.tile([0.0, 1.0, 0.0], (len(middle), 1)), range_m=np.full(len(middle), 5.0))
 
 
 def test_a_place_as_bare_as_a_hole_must_be_one():

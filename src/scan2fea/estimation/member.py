@@ -437,7 +437,7 @@ def _is_hopeless(told: Explanation) -> bool:
 
 def _rays_may_help(scan: Scan, found: MemberFit, seed: int) -> bool:
     """Whether the points leave it open, or are none to ask: in sheets of rays, holes, crowds and scatter are the sensor's."""
-    hopeless = _is_hopeless(found.explanation) or (not found.explains and bool(round_holes(_checked(scan), found.member, seed)))
+    hopeless = _is_hopeless(found.explanation) or (not found.explains and bool(round_holes(_checked(scan), found.member, seed, scan.rays)))
     return not hopeless or in_sheets(scan, seed)
 
 

@@ -244,12 +244,12 @@ def _drilled(
     fit = fit_member(scan, options, section.fixed, section.nominal, covers)
     if fit.explains or fit.method != "density":
         return scan, fit, ()
-    holes = round_holes(_measured(scan), fit.member, options.seed)
+    holes = round_holes(_measured(scan), fit.member, options.seed, scan.rays)
     if not holes:
         return scan, fit, ()
     whole = plugged(scan, fit.member, holes, options.seed)
     again = fit_member(whole, options, section.fixed, section.nominal, covers)
-    holes = round_holes(_measured(scan), again.member, options.seed) if again.explains else ()
+    holes = round_holes(_measured(scan), again.member, options.seed, scan.rays) if again.explains else ()
     return (whole, again, in_world(holes, _measured(scan), again.member)) if holes else (scan, fit, ())
 
 

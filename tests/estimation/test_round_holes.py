@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from estimation.drilled import LENGTH, RADIUS, SIGMA, WALLS, bolted
+from estimation.made import made
+from scan2fea.estimation.bored import bored
 from scan2fea.estimation.explain import explanation
 from scan2fea.estimation.member import MemberOptions
 from scan2fea.estimation.round_holes import in_world, plugged, round_holes
@@ -52,6 +54,24 @@ def test_a_hole_that_is_longer_than_wide_is_no_round_one():
     points, member, _ = bolted("rect", 30_000, 3e-4, seed=1)
     assert len(round_holes(points, member)) == 2
     assert round_holes(squeezed(points, "rect", member, 1.25), member) == ()
+
+
+def test_a_wide_six_sided_opening_is_no_circle_though_most_of_its_rim_lies_far_beside_one():
+    member = replace(made("rect", 0.4), sigma_m=3e-4)
+    b, t = member.values()["b"], member.values()["t"]
+    rng = np.random.default_rng(1)
+    flat = np.column_stack([b * (rng.random(20_000) - 0.5), 0.4 * rng.random(20_000)])
+    corner = 0.035 * np.column_stack([np.cos(np.arange(7) * np.pi / 3), np.sin(np.arange(7) * np.pi / 3)]) + [0.0, 0.2]
+    normal = np.column_stack([np.cos((np.arange(6) + 0.5) * np.pi / 3), np.sin((np.arange(6) + 0.5) * np.pi / 3)])
+    flat = flat[((flat - [0.0, 0.2]) @ normal.T).max(axis=1) > 0.035 * np.cos(np.pi / 6)]
+    which, share = rng.integers(0, 6, 1000), rng.random((1000, 1))
+    side = corner[which] + share * (corner[which + 1] - corner[which])
+    depth = np.concatenate([np.where(rng.random(len(flat)) < 0.5, -t / 2, t / 2), t * (rng.random(1000) - 0.5)])
+    across, along = np.concatenate([flat, side]).T
+    points = np.column_stack([across, depth, along])
+    points += 3e-4 * rng.standard_normal(points.shape)
+    assert bored(member, points, 3e-4)  # a hole is told
+    assert round_holes(points, member) == ()
 
 
 def test_a_countersunk_hole_is_no_cylinder():

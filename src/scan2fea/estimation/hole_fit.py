@@ -36,12 +36,13 @@ _BLUR = 0.05  # of the distance between points: the least blur
 _ROUNDS = 12  # of expectation maximisation
 _EMPTY = 0.15  # of the points that a face would have in a hole
 _FORETOLD = 8.0  # points that each face would have in it: none by chance in 3e-4
-_HARMONICS = (2, 3, 4)  # of the rim: slots, triangles, squares
+_HARMONICS = (2, 3, 4, 5, 6)  # of the rim: slots, triangles, squares, hexagons
 _CHANCE = 20.0  # twice the logarithm of a ratio of likelihoods, two freedoms: 1 in 20,000
+_WIDER = (0.05, 0.1)  # of the radius: widths of the rim in which its shape is looked at
 _UNROUND = 0.04  # of the radius: what mills and torches allow
 _NARROW = 0.25  # of the radius: a ring of the faces so wide must be free all around
 _DEEP, _ON_SIDE = 0.2, 6  # of the wall, under both faces: points there are of the side of a hole; so many tell it
-_NOISE = 0.16  # of the wall: beyond it depths tell little (at 0.2 and 0.31 one hole of two was told, at 0.31 2 deviations too small)
+_NOISE = 0.18  # of the wall: beyond it depths tell little (at 0.2 and 0.31 one hole of two was told, at 0.31 2 deviations too small)
 _LEAST = 12  # points on a face around a hole
 _STEP = 0.2  # of the blur: for derivatives
 _MOST_FACES_OFF = 0.25  # of the wall: a face's own plane may lie so far off the member's
@@ -50,7 +51,8 @@ _MOST_FACES_OFF = 0.25  # of the wall: a face's own plane may lie so far off the
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Around(Value):
     """The points about a mouth. x : (n, 2) in the plane of the wall, from the middle of the mouth, m.   depth : (n,) under the first face.
-    wall_m : how far the second lies under it.   reach_m : of the ring.   sigma_m : blur.   planes : (2, 3) depth of each face, 1, x, y.
+    wall_m : how far the second lies under it.   reach_m : of the ring.   sigma_m : blur, width_m that across the rim.
+    planes : (2, 3) depth of each face, 1, x, y.
     """
 
     x: FloatArray
@@ -58,6 +60,7 @@ class _Around(Value):
     wall_m: float
     reach_m: float
     sigma_m: float
+    width_m: float
     planes: FloatArray
 
 
@@ -140,7 +143,7 @@ def _around(mouth: Mouth, others: Sequence[Mouth], sigma_m: float, seed: int) ->
     if reach < (1 + _NARROW) * radius or reach - radius < 2 * sigma:
         return None
     inside = np.einsum("ij,ij->i", x, x) < reach**2
-    return _Around(x=x[inside], depth=depth[inside], wall_m=wall.wall_m, reach_m=reach, sigma_m=sigma, planes=planes)
+    return _Around(x=x[inside], depth=depth[inside], wall_m=wall.wall_m, reach_m=reach, sigma_m=sigma, width_m=sigma, planes=planes)
 
 
 def _slack(wall: Wall, sigma_m: float) -> float:
@@ -166,25 +169,25 @@ def _terms(around: _Around, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
     theta : (3,) middle and radius, or (4 + 2 m,) with cosine and sine of m harmonics of the rim, and how much wider than in the middle of the wall
     the hole is at its first face.
     """
-    sigma, wall = around.sigma_m, around.wall_m
+    sigma, width, wall = around.sigma_m, around.width_m, around.wall_m
     off = around.x - theta[:2]
     rho = np.hypot(off[:, 0], off[:, 1])
-    u = (rho - theta[2]) / sigma
+    u = (rho - theta[2]) / width
     under = [around.depth - p[0] - around.x @ p[1:] for p in around.planes]
     wider = 0.0
     if len(theta) > 3:
         turn = np.arctan2(off[:, 1], off[:, 0])
-        u -= sum(theta[3 + 2 * k] * np.cos(m * turn) + theta[4 + 2 * k] * np.sin(m * turn) for k, m in enumerate(_HARMONICS)) / sigma
-        wider = float(theta[-1]) / sigma
+        u -= sum(theta[3 + 2 * k] * np.cos(m * turn) + theta[4 + 2 * k] * np.sin(m * turn) for k, m in enumerate(_HARMONICS)) / width
+        wider = float(theta[-1]) / width
     at = [u - wider, u + wider, u - wider * np.clip(1 - 2 * under[0] / wall, -1, 1)]  # at either face, and at its depth
     phi = [np.exp(-(v**2) / 2) / math.sqrt(2 * math.pi) for v in at]
     flat = [np.exp(-((d / sigma) ** 2) / 2) / (math.sqrt(2 * math.pi) * sigma) for d in under]
-    face_1, face_2 = ((ndtr(at[k]) + sigma / (2 * theta[2]) * phi[k]) * flat[k] for k in (0, 1))
-    side = np.sqrt(theta[2] / np.maximum(rho, 1e-3 * theta[2])) * phi[2] / sigma * (ndtr(under[0] / sigma) - ndtr(under[1] / sigma))
+    face_1, face_2 = ((ndtr(at[k]) + width / (2 * theta[2]) * phi[k]) * flat[k] for k in (0, 1))
+    side = np.sqrt(theta[2] / np.maximum(rho, 1e-3 * theta[2])) * phi[2] / width * (ndtr(under[0] / sigma) - ndtr(under[1] / sigma))
     bulge = math.pi / 2 * float((theta[3:] ** 2).sum())
     face = math.pi * (around.reach_m**2 - theta[2] ** 2) - bulge
     deep = wall + 2 * REACH * sigma
-    cone = 2 * math.pi * theta[2] * wider * sigma
+    cone = 2 * math.pi * theta[2] * wider * width
     mass = np.array([face - cone, face + cone, 2 * math.pi * theta[2] * wall, math.pi * around.reach_m**2 * deep])
     return np.stack([face_1, face_2, side, np.ones(len(rho))]), mass
 
@@ -214,7 +217,7 @@ def _climbed(around: _Around, start: FloatArray) -> FloatArray | None:
 
 def _slopes(around: _Around, theta: FloatArray, rows: Sequence[int]) -> tuple[FloatArray, FloatArray]:
     """First and second derivatives (k,), (k, k) of the log-likelihood by some of its parameters, by differences."""
-    far = _STEP * around.sigma_m
+    far = _STEP * around.width_m
     step = far * np.eye(len(theta))[list(rows)]
     at = _log_likelihood(around, theta)
     first, second = np.zeros(len(rows)), np.zeros((len(rows), len(rows)))
@@ -236,15 +239,20 @@ def _covariance(around: _Around, theta: FloatArray) -> FloatArray | None:
 
 
 def _is_round(around: _Around, theta: FloatArray) -> bool:
-    """Whether no harmonic of the rim departs from a circle, nor one mouth from the other, by more than chance and mill tolerance (score test)."""
+    """Whether no harmonic of the rim departs from a circle, nor one mouth from the other, by more than chance and mill tolerance (score test).
+
+    Seen so narrowly that a rim lies beside the circle it is none of it, and its points are strays: wider looks, for which chance is less, see it too.
+    """
     wavy = np.r_[theta, np.zeros(2 * len(_HARMONICS) + 1)]
-    for rows in (*((3 + 2 * k, 4 + 2 * k) for k in range(len(_HARMONICS))), (len(wavy) - 1,)):
-        first, second = _slopes(around, wavy, rows)
-        if not np.isfinite(second).all() or np.linalg.eigvalsh(-second).min() <= 0:
-            return False
-        size = np.linalg.solve(-second, first)
-        if float(first @ size) > _CHANCE and float(np.linalg.norm(size)) > _UNROUND * theta[2]:
-            return False
+    for width in (around.sigma_m, *(w * theta[2] for w in _WIDER if w * theta[2] > around.sigma_m)):
+        looked = replace(around, width_m=width)
+        for rows in (*((3 + 2 * k, 4 + 2 * k) for k in range(len(_HARMONICS))), (len(wavy) - 1,)):
+            first, second = _slopes(looked, wavy, rows)
+            if not np.isfinite(second).all() or np.linalg.eigvalsh(-second).min() <= 0:
+                return False
+            size = np.linalg.solve(-second, first)
+            if float(first @ size) > _CHANCE and float(np.linalg.norm(size)) > _UNROUND * theta[2]:
+                return False
     return True
 
 

@@ -22,7 +22,7 @@ from scan2fea.types import BoolArray, FloatArray, IntArray, Member, Rays, RoundH
 _SIGHT_LINES = 4  # through a hole that its points do not tell
 _LIKELY = 1e-2  # chance of a hole in a wall that has none, where others have
 _ALIKE = 0.2  # of the radius: holes of one size
-_AS_BARE = 0.8  # of the radius of the circle without points
+_AS_BARE = 0.9  # of the radius of the circle without points
 
 
 def round_holes(points: FloatArray, member: Member, seed: int = 0, rays: Rays | None = None) -> tuple[FittedHole, ...]:

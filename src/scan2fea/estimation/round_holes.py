@@ -16,9 +16,11 @@ from scan2fea.estimation.bored import CHANCE, Mouth, mouths
 from scan2fea.estimation.hole_fit import REACH, RING, FittedHole, fitted_hole
 from scan2fea.estimation.swept import Sweep, sweep_of_member
 from scan2fea.estimation.walls import Wall
+from scan2fea.kernel.noise import sampled_rows
 from scan2fea.kernel.sections import ROUND
 from scan2fea.types import BoolArray, FloatArray, IntArray, Member, Rays, RoundHole, Scan
 
+_POINTS = 400_000  # asked at most
 _SIGHT_LINES = 4  # through a hole that its points do not tell
 _LIKELY = 1e-2  # chance of a hole in a wall that has none, where others have
 _ALIKE = 0.2  # of the radius: holes of one size
@@ -34,6 +36,7 @@ def round_holes(points: FloatArray, member: Member, seed: int = 0, rays: Rays | 
     """
     if member.family in ROUND:
         return ()
+    points = points[sampled_rows(len(points), _POINTS, seed)]
     local = sweep_of_member(member).coordinates(points)
     found: list[FittedHole] = []
     bare = math.inf  # radius of the smallest place without points in a hole

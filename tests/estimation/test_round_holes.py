@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from estimation.drilled import LENGTH, RADIUS, SIGMA, WALLS, bolted
-from estimation.made import made
+from estimation.made import made, scanned
 from scan2fea.estimation.bored import bored
 from scan2fea.estimation.explain import explanation
+from scan2fea.estimation.hole_fit import telling_holes
 from scan2fea.estimation.member import MemberOptions
 from scan2fea.estimation.round_holes import in_world, plugged, round_holes
 from scan2fea.kernel.transforms import applied, random_rotation, rigid
@@ -48,6 +49,25 @@ def squeezed(points, family, member, times):
         near = np.abs(away) < 4 * RADIUS
         out[near, 2] = middle[1] + away[near] * np.where(np.abs(away[near]) < 1.5 * RADIUS, times, 1.0)
     return out
+
+
+@pytest.mark.parametrize("seed", [2, 7])
+def test_holes_that_noise_fills_are_told_by_how_likely_they_make_the_points(seed):
+    """5 spacings wide, noise 0.16 of the wall: what both faces lack does not tell them, and the member had been whole."""
+    points, member, n = bolted("L", 14_000, SIGMA, seed)
+    member = replace(member, sigma_m=SIGMA)
+    assert bored(member, points, SIGMA) == ()
+    assert not explanation(points, member, SIGMA).explains
+    assert len(round_holes(points, member)) == n
+
+
+@pytest.mark.parametrize("family", ["L", "I", "C", "T", "RHS", "rect"])
+def test_whole_members_have_none(family):
+    member = replace(made(family, LENGTH), sigma_m=SIGMA)
+    points = scanned(member, 12_000, 0.0, 3)
+    points = points + SIGMA * np.random.default_rng(3).standard_normal(points.shape)
+    assert telling_holes(member, points, SIGMA) == []
+    assert round_holes(points, member) == ()
 
 
 def test_a_hole_that_is_longer_than_wide_is_no_round_one():

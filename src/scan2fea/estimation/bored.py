@@ -39,11 +39,15 @@ _LEAST = 16  # points of a wall
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Mouth(Value):
-    """Where a hole goes through a wall. place : (2,) its middle, along the face and along the member, m.   radius_m : of the circle that is empty."""
+    """Where a hole goes through a wall. place : (2,) its middle, along the face and along the member, m.   radius_m : of the circle that is empty.
+
+    uneven : how many times more points the circles of its wall lack than at random.
+    """
 
     wall: Wall
     place: FloatArray
     radius_m: float
+    uneven: float
 
 
 def bored(member: Member, local: FloatArray, sigma_m: float, *, faces_tell: bool = True) -> tuple[Hole, ...]:
@@ -52,7 +56,12 @@ def bored(member: Member, local: FloatArray, sigma_m: float, *, faces_tell: bool
     faces_tell : whether a place without points speaks for a hole; not where rays say that it was not looked at.
     """
     found = mouths(member, local, sigma_m, faces_tell=faces_tell)
-    return tuple(Hole(face=m.wall.name, places=_disc(m.place, m.radius_m), cell_m=m.radius_m / 2) for m in found)
+    return tuple(hole_of(m.wall, m.place, m.radius_m) for m in found)
+
+
+def hole_of(wall: Wall, place: FloatArray, radius_m: float) -> Hole:
+    """A round hole in a face of a wall. place : (2,) along the face and along the member, m."""
+    return Hole(face=wall.name, places=_disc(place, radius_m), cell_m=radius_m / 2)
 
 
 def mouths(
@@ -89,7 +98,7 @@ def _of_wall(wall: Wall, length: float, sigma_m: float, faces_tell: bool, allowe
     if not len(rows):
         return []
     lacking = near.n_within(middle[rows], _RING * radius[rows]) / (_RING**2 - 1)
-    faces = _log_tail(lacking) if faces_tell else np.zeros(len(rows))
+    faces, uneven = _log_tail(lacking) if faces_tell else (np.zeros(len(rows)), 1.0)
     reach = radius[rows] + _NEAR_SIGMAS * sigma_m
     found, chance = np.zeros((2, len(rows)))
     if len(deep):
@@ -105,15 +114,15 @@ def _of_wall(wall: Wall, length: float, sigma_m: float, faces_tell: bool, allowe
         wide = _RING * float(radius[row])
         if free[k] and _around(np.concatenate([face, _off_wall(middle[row], wide, wall, over, length)]) - middle[row], wide):
             free &= np.linalg.norm(middle[rows] - middle[row], axis=1) > 2 * radius[row]
-            holes.append(Mouth(wall=wall, place=middle[row], radius_m=float(radius[row])))
+            holes.append(Mouth(wall=wall, place=middle[row], radius_m=float(radius[row]), uneven=uneven))
     return holes
 
 
-def _log_tail(lacking: FloatArray) -> FloatArray:
-    """(n,) logarithm of the chance that a circle of the wall lacks as many points; of the circles, the larger half are given."""
+def _log_tail(lacking: FloatArray) -> tuple[FloatArray, float]:
+    """(n,) logarithm of the chance that a circle of the wall lacks as many points, and its slope; of the circles, the larger half are given."""
     low, high = np.percentile(lacking, [80.0, 98.0])  # of the larger half: the 90th and the 99th of all
     slope = max(1.0, float(high - low) / math.log(10.0))
-    return np.where(lacking > low, -math.log(10.0) - (lacking - low) / slope, 0.0)
+    return np.where(lacking > low, -math.log(10.0) - (lacking - low) / slope, 0.0), slope
 
 
 def _log_as_many(found: FloatArray, mean: FloatArray) -> FloatArray:

@@ -28,9 +28,10 @@ from scipy.spatial import cKDTree
 from scipy.special import chdtr, chdtrc
 
 from scan2fea.estimation.attached import CHANCE, attached, sunk
-from scan2fea.estimation.bored import bored
+from scan2fea.estimation.bored import bored, hole_of
 from scan2fea.estimation.cuts import Cut, cuts
 from scan2fea.estimation.end_faces import n_not_flat
+from scan2fea.estimation.hole_fit import telling_holes
 from scan2fea.estimation.holes import Covers, occupied, uncovered
 from scan2fea.estimation.one_skin import is_one_skin
 from scan2fea.estimation.outline import edge_lengths, outline_distance
@@ -179,7 +180,10 @@ def explanation(
         )
     if not reason:  # all else explains the points: the narrow holes are asked for, of more of them
         many = points[sampled_rows(len(points), _MANY_POINTS, seed)]
-        narrow = bored(member, sweep_of_member(member).coordinates(many), sigma_m, faces_tell=by_rays is None or by_rays.voids is None)
+        along, faces_tell = sweep_of_member(member).coordinates(many), by_rays is None or by_rays.voids is None
+        narrow = bored(member, along, sigma_m, faces_tell=faces_tell)
+        if not narrow and faces_tell:
+            narrow = tuple(hole_of(hole.wall, hole.place, hole.radius_m) for hole in telling_holes(member, along, sigma_m, seed))
         voids = len(uncovered(narrow, member, covers, sigma_m))
         reason = _reason(figures, voids, not_flat, member, along_rays)
     said = reason or _praise(figures, member, len(holes) - bare)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from scan2fea.estimation.bored import CHANCE, Mouth, mouths
-from scan2fea.estimation.hole_fit import REACH, RING, FittedHole, fitted_hole
+from scan2fea.estimation.hole_fit import REACH, RING, FittedHole, fitted_hole, with_others
 from scan2fea.estimation.swept import Sweep, sweep_of_member
 from scan2fea.estimation.walls import Wall
 from scan2fea.kernel.noise import sampled_rows
@@ -31,38 +31,44 @@ def round_holes(points: FloatArray, member: Member, seed: int = 0, rays: Rays | 
     """The holes of a member with flat walls, by its points (n, 3) and the sight lines there are. Empty where it has none, or one that is not round or
     does not go through: where its points do not tell that, sight lines must have.
 
-    Where one is told others are likely: what chance would leave one time in `_LIKELY`, and every place as bare as a hole, must be one too, or none is
-    told; and of all else that might be a hole, what is as wide as one that is told.
+    It begins with those that chance leaves in no wall, by what its faces and its inside lack, or by how much likelier the points are with them. Then
+    others are likely: what chance would leave one time in `_LIKELY`, and every place as bare as a hole, must be one too, or none is told; and of all
+    else that might be a hole, what is as wide as one that is told.
     """
     if member.family in ROUND:
         return ()
     points = points[sampled_rows(len(points), _POINTS, seed)]
     local = sweep_of_member(member).coordinates(points)
-    found: list[FittedHole] = []
-    bare = math.inf  # radius of the smallest place without points in a hole
-    for chance in (CHANCE, _LIKELY, 1.0):
-        there = mouths(member, local, member.sigma_m, chance=chance)
-        for mouth in there:
-            if any(_is_same(mouth, hole) for hole in found):
-                continue
-            hole = fitted_hole(mouth, [m for m in there if m is not mouth and m.wall.name == mouth.wall.name], member.sigma_m, seed)
-            if hole is not None and not hole.is_told and not _is_seen_through(hole, points, member, rays):
-                hole = None
-            is_likely = chance < 1.0 or mouth.radius_m > _AS_BARE * bare
-            if hole is None and is_likely:
-                return ()
-            if hole is not None and (is_likely or any(abs(hole.radius_m / other.radius_m - 1) < _ALIKE for other in found)):
-                found.append(hole)
-                bare = min(bare, mouth.radius_m)
-        if not found:
-            return ()
-    return tuple(found)
+    fitted: dict[tuple[Any, ...], FittedHole | None] = {}
+
+    def there(chance: float) -> list[tuple[Mouth, FittedHole | None]]:
+        """The places that one wall in so many would show by chance, and the hole at each, if it is one."""
+        found = []
+        for mouth, others in with_others(mouths(member, local, member.sigma_m, chance=chance)):
+            at = (mouth.wall.name, *mouth.place.tolist())
+            if at not in fitted:
+                hole = fitted_hole(mouth, others, member.sigma_m, seed)
+                is_hole = hole is not None and (hole.is_told or _is_seen_through(hole, points, member, rays))
+                fitted[at] = hole if is_hole else None
+            found.append((mouth, fitted[at]))
+        return found
+
+    sure, any_like = there(CHANCE), there(1.0)
+    sure += [(mouth, hole) for mouth, hole in any_like if hole is not None and hole.is_telling]
+    if not sure:
+        return ()
+    bare = _AS_BARE * min(mouth.radius_m for mouth, _ in sure)
+    must = [*sure, *there(_LIKELY), *((mouth, hole) for mouth, hole in any_like if mouth.radius_m > bare)]
+    if any(hole is None for _, hole in must):
+        return ()
+    found = [hole for _, hole in must if hole is not None]
+    found += [hole for _, hole in any_like if hole is not None and any(abs(hole.radius_m / other.radius_m - 1) < _ALIKE for other in found)]
+    return tuple(hole for k, hole in enumerate(found) if not any(_is_same(hole, other) for other in found[:k]))
 
 
-def _is_same(mouth: Mouth, hole: FittedHole) -> bool:
-    """Whether a mouth lies in a hole that is told."""
-    same_wall = mouth.wall.name == hole.wall.name and np.array_equal(mouth.wall.start, hole.wall.start)
-    return same_wall and float(np.linalg.norm(mouth.place - hole.place)) < hole.radius_m
+def _is_same(hole: FittedHole, other: FittedHole) -> bool:
+    same_wall = hole.wall.name == other.wall.name and np.array_equal(hole.wall.start, other.wall.start)
+    return same_wall and float(np.linalg.norm(hole.place - other.place)) < other.radius_m
 
 
 def _is_seen_through(hole: FittedHole, points: FloatArray, member: Member, rays: Rays | None) -> bool:

@@ -46,6 +46,9 @@ VALUES = [
     types.CatalogueEntry(name="L5x5", probability=0.5, parameters={"t": 0.006}),
     types.Damage(kind="dent", position_m=np.zeros(3), size_m=0.1, depth_m=0.01, std_m=0.001, p_value=1e-6),
     types.Bend(start_m=0.5, angle_rad=1.5, radius_m=0.2, roll_rad=-0.3, radius_std_m=1e-3, angle_std_rad=2e-3),
+    types.RoundHole(
+        face="A_OUTER", start=np.zeros(3), through=np.array([0, 0.01, 0]), radius_m=0.009, std_m=1e-4, place_std_m=2e-4, n_points=40
+    ),
     types.RootFillet(radius_m=0.012, std_m=1e-4, is_observable=True, most_m=0.0123),
     types.SectionChange(kind="taper", dimension="a", z_m=np.array([0.0, 2.0]), value_m=np.array([0.1, 0.2]), std_m=np.array([1e-4, 1e-4]), side=1),
     types.Member(

@@ -9,7 +9,7 @@ Six figures, each with what it is measured against:
               them are enough where they lie on a surface of their own (`attached.py`). Nobody sees into material: noise and clutter put no more
               of them inside the solid than as near to it outside.
     voids     Empty places enclosed in a face that was seen all around, and on which nothing else lies: holes (`holes.py`); narrow ones that both
-              faces of a wall and its inside tell together (`bored.py`).
+              faces of a wall and its inside tell together (`bored.py`), or that make the points far likelier (`hole_fit.py`).
     cuts      Places where a wall was cut through, to the rim or not: its cut was seen (`cuts.py`).
     ends      They are planes (`end_faces.py`).
     noise     The scatter around the member against the scatter of neighbouring points around their own surface.
@@ -32,7 +32,7 @@ from scan2fea.estimation.bored import bored, hole_of
 from scan2fea.estimation.cuts import Cut, cuts
 from scan2fea.estimation.end_faces import n_not_flat
 from scan2fea.estimation.hole_fit import telling_holes
-from scan2fea.estimation.holes import Covers, occupied, uncovered
+from scan2fea.estimation.holes import Covers, Hole, occupied, uncovered
 from scan2fea.estimation.one_skin import is_one_skin
 from scan2fea.estimation.outline import edge_lengths, outline_distance
 from scan2fea.estimation.swept import sweep_of_member
@@ -180,14 +180,20 @@ def explanation(
         )
     if not reason:  # all else explains the points: the narrow holes are asked for, of more of them
         many = points[sampled_rows(len(points), _MANY_POINTS, seed)]
-        along, faces_tell = sweep_of_member(member).coordinates(many), by_rays is None or by_rays.voids is None
-        narrow = bored(member, along, sigma_m, faces_tell=faces_tell)
-        if not narrow and faces_tell:
-            narrow = tuple(hole_of(hole.wall, hole.place, hole.radius_m) for hole in telling_holes(member, along, sigma_m, seed))
+        narrow = _narrow_holes(many, member, sigma_m, seed, faces_tell=by_rays is None or by_rays.voids is None)
         voids = len(uncovered(narrow, member, covers, sigma_m))
         reason = _reason(figures, voids, not_flat, member, along_rays)
     said = reason or _praise(figures, member, len(holes) - bare)
     return Explanation(explains=not reason, reason=said, voids=voids, seen=seen, cells=cells.n, cuts=bare_walls, local_sigma_m=local_sigma, **figures)
+
+
+def _narrow_holes(points: FloatArray, member: Member, sigma_m: float, seed: int, *, faces_tell: bool) -> tuple[Hole, ...]:
+    """Those that one face alone does not tell, by what walls lack and hold inside, or else by how much likelier the points are with them."""
+    local = sweep_of_member(member).coordinates(points)
+    narrow = bored(member, local, sigma_m, faces_tell=faces_tell)
+    if narrow or not faces_tell:
+        return narrow
+    return tuple(hole_of(hole.wall, hole.place, hole.radius_m) for hole in telling_holes(member, local, sigma_m, seed))
 
 
 def _reason(f: Mapping[str, float], voids: int, not_flat: int, member: Member, along_rays: bool) -> str:

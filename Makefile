@@ -6,7 +6,7 @@ VENV := .venv
 export PYTHONDONTWRITEBYTECODE :=
 RUN := $(VENV)/bin/python
 
-.PHONY: demo test check docs gallery setup setup-dev system system-dev clean bench
+.PHONY: demo test check docs gallery setup setup-dev packages packages-dev clean bench
 
 demo: $(VENV)/.installed
 	$(VENV)/bin/scan2fea demo -o out-demo
@@ -15,7 +15,7 @@ test: $(VENV)/.installed-dev
 	OMP_NUM_THREADS=1 $(RUN) -m pytest -n 2
 
 # what CI runs before the tests: lint, types, layers
-check: $(VENV)/.installed-dev
+check: $(VENV)/.packages-dev
 	$(VENV)/bin/ruff check
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
@@ -33,21 +33,29 @@ gallery: $(VENV)/.installed-dev
 
 setup: $(VENV)/.installed
 setup-dev: $(VENV)/.installed-dev
+packages: $(VENV)/.packages
+packages-dev: $(VENV)/.packages-dev
 
-$(VENV)/.installed: pyproject.toml requirements.lock system.sh
+$(VENV)/.packages: pyproject.toml requirements.lock system.sh
 	@[ -n "$(PYTHON)" ] || { echo "no Python 3.11, 3.12 or 3.13 found: install one, or name it: make PYTHON=/path/to/python3.12" >&2; exit 1; }
 	PYTHON=$(PYTHON) sh ./system.sh run
 	$(PYTHON) -m venv $(VENV)
 	@# not all 5,000 modules at once on one core (half a minute): Python compiles those that are imported
 	$(RUN) -m pip install --quiet --no-compile -r requirements.lock
 	$(RUN) -m pip install --quiet --no-deps -e .
+	touch $@
+
+$(VENV)/.packages-dev: $(VENV)/.packages requirements-dev.lock
+	sh ./system.sh test
+	$(RUN) -m pip install --quiet --no-compile -r requirements-dev.lock
+	touch $@
+
+$(VENV)/.installed: $(VENV)/.packages
 	@echo "compiling the kernels once (two to four minutes)"
 	$(RUN) -m scan2fea.pipeline.warm
 	touch $@
 
-$(VENV)/.installed-dev: $(VENV)/.installed requirements-dev.lock
-	sh ./system.sh test
-	$(RUN) -m pip install --quiet --no-compile -r requirements-dev.lock
+$(VENV)/.installed-dev: $(VENV)/.installed $(VENV)/.packages-dev
 	touch $@
 
 clean:

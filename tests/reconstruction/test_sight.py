@@ -92,6 +92,22 @@ def test_a_gap_is_carried_over_where_the_other_face_of_the_wall_was_seen():
     assert not np.isclose(put[:, 2], 0.1).any()
 
 
+def test_gaps_in_most_of_a_face_are_carried_over_where_none_is_wider_than_what_was_seen_of_it():
+    slab, h = replace(box((1.0, 0.5, 0.1)), face_region=np.arange(12) // 2), 0.015
+    _, points, normals = scanned(slab, h, seed=0)
+    x, top = points[:, 0], normals[:, 2] > 0.5
+    one, other = (x > 0.02) & (x < 0.32), (x > 0.66) & (x < 0.96)
+    put = over_walls(slab, points[~(top & (one | other))], h)
+    assert np.allclose(put[:, 2], 0.1) and (put[:, 0] < 0.32).any() and (put[:, 0] > 0.66).any()
+    side = (normals[:, 1] > 0.5) & one  # one gap goes on round an edge
+    put = over_walls(slab, points[~(top & (one | other) | side)], h)
+    put = put[np.isclose(put[:, 2], 0.1)]
+    assert (put[:, 0] > 0.64).all() and len(put)
+    wider = (x > 0.02) & (x < 0.42)
+    put = over_walls(slab, points[~(top & (wider | other))], h)
+    assert (put[np.isclose(put[:, 2], 0.1), 0] > 0.42).all()
+
+
 def test_places_far_from_all_points_may_be_ends_that_nobody_saw():
     slab, h = replace(box((1.0, 0.8, 0.1)), face_region=np.arange(12) // 2), 0.02
     _, points, normals = scanned(slab, h, seed=0)

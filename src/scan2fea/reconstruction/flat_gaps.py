@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
-from scipy.ndimage import binary_fill_holes
+from scipy.ndimage import binary_fill_holes, distance_transform_edt
 from scipy.spatial import cKDTree
 
 from scan2fea.kernel.distances import PointToMesh
@@ -47,7 +47,7 @@ def hidden_volume_flat(
     for picture in pictures(mesh, points, spacing_m, REACH * spacing_m, rolled).values():
         far = picture.far(REACH * spacing_m)
         for at in patches(far):
-            size, sides = len(at) * picture.pixel**2, picture.pixel * _sides(picture, far, at, tree, REACH * spacing_m)
+            size, sides = len(at) * picture.pixel**2, picture.pixel * _sides(picture, far, at, tree, REACH * spacing_m)[0]
             hidden += (own := size**2 / max(sides, math.sqrt(size)))
             where.append(picture.places(at))
             over += 0.0 if walls is None else own * float(walls.bare_at(where[-1], picture.pixel).mean())
@@ -136,21 +136,26 @@ def half_seen_ends(
     return at_most("ends of the part seen in part", float(len(where) - 1), 0.0, says)
 
 
-def _sides(picture: Picture, far: BoolArray, at: IntArray, tree: cKDTree, reach_m: float) -> float:
-    """Sides of pixels `at` where a gap ends.
+def _sides(picture: Picture, far: BoolArray, at: IntArray, tree: cKDTree, reach_m: float) -> tuple[int, int]:
+    """Sides of pixels `at` where a gap ends, and where it goes on round the edge.
 
-    Where it meets the outline of the face it ends if points of other faces are near (tree : of all points); else it goes on round the edge.
+    Where it meets the outline of the face it ends if points of other faces are near (tree : of all points).
     """
-    sides, places = np.zeros(len(at), np.int64), picture.places(at)
+    ends, goes_on, places = 0, 0, picture.places(at)
     for step in BESIDE:
         i, j = (at + step).T
         on = _inside(picture, at + step)
-        ends = ~on
-        ends[on] = ~far[i[on], j[on]]
-        outer = np.flatnonzero(~on)
-        ends[outer] = np.asarray(tree.query(places[outer])[0]) <= reach_m
-        sides += ends
-    return float(sides.sum())
+        ends += int(np.sum(~far[i[on], j[on]]))
+        near = np.asarray(tree.query(places[~on])[0]) <= reach_m
+        ends, goes_on = ends + int(near.sum()), goes_on + int(np.sum(~near))
+    return ends, goes_on
+
+
+def _width(at: IntArray) -> float:
+    """Radius of the largest circle in pixels (k, 2), in pixels."""
+    held = np.zeros(at.max(axis=0, initial=0) + 3, bool)
+    held[tuple((at + 1).T)] = True
+    return float(distance_transform_edt(held).max())
 
 
 def _inside(picture: Picture, at: IntArray) -> BoolArray:
@@ -163,22 +168,36 @@ def _inside(picture: Picture, at: IntArray) -> BoolArray:
 def over_walls(mesh: TriangleMesh, points: FloatArray, spacing_m: float, rolled: Mapping[int, Surface] = NONE_ROLLED) -> FloatArray:
     """(k, 3) places on gaps of flat faces behind which the other face of a wall was measured, where most of the face itself was.
 
-    points : (n, 3) measured. What `opposite` does for any surface: a wall goes on as thick as it was measured round about.
+    points : (n, 3) measured. What `opposite` does for any surface: a wall goes on as thick as it was measured round about. So it does in a larger
+    gap that is no wider than what was measured of the face, that ends at measured points all round, and behind which the wall has the other face
+    that it has where it was measured (one face of a stiffener, of which the rims were seen, and both faces of its fellow across the web).
     """
     region, scene, normals = regions(mesh), scene_of(mesh), face_normals(mesh)
     near, skin = PointToMesh(mesh).nearest(points), SKIN * spacing_m
-    of, out = region[near.face], [np.zeros((0, 3))]
+    of, tree, out = region[near.face], cKDTree(points), [np.zeros((0, 3))]
+
+    def behind(picture: Picture, at: IntArray) -> tuple[FloatArray, IntArray]:
+        way = -picture.normals(at)
+        depth, hit = first_hits(scene, picture.places(at) + skin * way, way)
+        is_wall = (hit >= 0) & (np.einsum("ij,ij->i", normals[hit], way) > -FACING)
+        return picture.places(at) + (skin + depth)[:, None] * way, np.where(is_wall, region[hit], -1)
+
     for picture in pictures(mesh, points, spacing_m, REACH * spacing_m, rolled).values():
-        gaps = [at for at in patches(picture.far(BORDER * spacing_m)) if picture.away[tuple(at.T)].max() > REACH * spacing_m]
-        if not gaps or sum(map(len, gaps)) > MOST_CARRIED * picture.inside.sum():
+        far = picture.far(BORDER * spacing_m)
+        gaps = [at for at in patches(far) if picture.away[tuple(at.T)].max() > REACH * spacing_m]
+        is_most = sum(map(len, gaps)) > MOST_CARRIED * picture.inside.sum()
+        if is_most:
+            most = _width(np.argwhere(picture.inside & ~far))
+            gaps = [at for at in gaps if _width(at) <= most and not _sides(picture, far, at, tree, REACH * spacing_m)[1]]
+        if not gaps:
             continue
         places = picture.places(np.concatenate(gaps))
-        way = -picture.normals(np.concatenate(gaps))
-        depth, hit = first_hits(scene, places + skin * way, way)
-        is_wall = (hit >= 0) & (np.einsum("ij,ij->i", normals[hit], way) > -FACING)
-        foot = places + (skin + depth)[:, None] * way
-        for other in np.unique(region[hit[is_wall]]):
-            rows = np.flatnonzero(is_wall & (region[hit] == other))
+        foot, other_of = behind(picture, np.concatenate(gaps))
+        is_wall = other_of >= 0
+        if is_most:
+            is_wall &= np.isin(other_of, behind(picture, np.argwhere(picture.inside & ~far))[1])
+        for other in np.unique(other_of[is_wall]):
+            rows = np.flatnonzero(is_wall & (other_of == other))
             seen = near.closest[of == other]
             is_wall[rows] = np.asarray(cKDTree(seen).query(foot[rows])[0]) <= BORDER * spacing_m if len(seen) else False
         out.append(places[is_wall])

@@ -86,7 +86,7 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
         off_first = PointToMesh(first.mesh).nearest(measured).distance
         own = off <= far
         apart = max(0.0, apart - told_by_left_out(measured[own], mesh, first.mesh, off_first[own], far) / body)
-    walls = discs_of(mesh, cloud.points)
+    walls, sight = discs_of(mesh, cloud.points), Sight.of(scan, first, lines=len(cloud)) if first.source == "sensors" else None
     flats = replace(mesh, faces=mesh.faces[number < 0], face_region=region[number < 0])
     checks = [
         at_most(
@@ -118,12 +118,12 @@ def gates_planar(scan: Scan, first: Reconstruction, mesh: TriangleMesh, every: S
         hidden_volume_flat(whole, backed, h, unrolled, walls),
         *((
             flat_ends(whole, backed, h, unrolled, walls),
-            half_seen_ends(whole, backed, Sight.of(scan, first, lines=len(cloud)), h, unrolled),
+            half_seen_ends(whole, backed, sight, h, unrolled),
             blocked_lines(scan, mesh, h, sigma),
-        ) if by_lines else ()),
+        ) if by_lines and sight is not None else ()),
         *(() if first.source == "sensors" else (lost_holes(first.mesh, mesh, measured, wall, h, sigma),)),  # sight lines tell holes themselves
         bare_faces(whole, cloud.points, scan.sensors(), h, sigma),
-        *empty_places(mesh, cloud.points, Sight.of(scan, first, lines=len(cloud)) if first.source == "sensors" else None, walls),
+        *empty_places(mesh, cloud.points, sight, walls),
     ]  # fmt: skip
     bare = unmeasured_share(mesh, backed, 3.0 * h + 3.0 * sigma)
     checks.append(
@@ -154,11 +154,11 @@ def _inherited(first: Reconstruction, mesh: TriangleMesh, by_lines: bool) -> tup
     """What was said of the first surface, but for what is measured again on the flat one, or cured: what noise and spacing do to edges.
 
     Ends of walls without points that it was refused for are ends where the flat solid has them too; it may go on across the gap. Where sensors are
-    known cells labelled by sight lines come next, which are asked more. Without them what the cut
-    lost under the points is asked of the flat solid.
+    known cells labelled by sight lines come next, which are asked more: no cut told their inside, and that it lies under the points the lines say,
+    which end on faces that they meet from outside. Without them what the cut lost under the points is asked of the flat solid.
     """
     again = bool(first.ends) and first.source != "sensors"
-    cured = CURED | ({WALL_ENDS} if by_lines or again else set()) | ({CUT_HELD} if _lost_cut(first) else set())
+    cured = CURED | ({WALL_ENDS} if by_lines or again else set()) | ({CUT_HELD} if by_lines or _lost_cut(first) else set())
     left = tuple(check for check in first.checks if check.name not in cured)
     return (*left, ends_left(first.ends, mesh, first.spacing_m, first.sigma_m)) if again else left
 

@@ -25,12 +25,14 @@ from scan2fea.kernel.topology import surface_topology
 from scan2fea.reconstruction.blurred_faces import placed
 from scan2fea.reconstruction.bores import Bore
 from scan2fea.reconstruction.flat_gaps import over_walls
+from scan2fea.reconstruction.flat_noise import LESS, flat_noise_m
 from scan2fea.reconstruction.flat_solid import flat_solid
 from scan2fea.reconstruction.gates import failed
 from scan2fea.reconstruction.gates_planar import BESIDE_FLATS, DIFFER, gates_planar
 from scan2fea.reconstruction.gates_round import one_region, rolled
 from scan2fea.reconstruction.gates_surface import LEFT_OUT
-from scan2fea.reconstruction.lost_bores import closed_bores
+from scan2fea.reconstruction.lost_bores import closed_bores, told_by
+from scan2fea.reconstruction.parting import parting
 from scan2fea.reconstruction.plane_growing import Planes
 from scan2fea.reconstruction.regular import EXACT
 from scan2fea.reconstruction.round_cuts import Shapes, cut_round, hung_together, shapes
@@ -53,7 +55,7 @@ from scan2fea.reconstruction.two_answers import against_free
 from scan2fea.reconstruction.visibility import Reconstruction, VisibilityOptions, visibility
 from scan2fea.types import BoolArray, FloatArray, IntArray, Scan, TriangleMesh, Value
 
-CUT_ALL = 20  # planes: so few may cut every cell
+CUT_ALL = 20  # planes, or cylinders: so few may cut every cell
 RINGS = (0.15, 0.4, 0.7, 1.0)  # of that reach
 SUPPORT = 600  # points of a plane that say which cells it cuts
 REACH = 2.5  # spacings that a plane reaches beyond its points, besides the noise
@@ -86,6 +88,8 @@ class FlatForm(Value):
 def planar(scan: Scan, options: VisibilityOptions = VisibilityOptions()) -> Reconstruction:
     """The solid of flat and round faces under the points. Raises ReconstructionError where they do not close, or nothing is found at all."""
     first = visibility(scan, options)
+    told = first.told or told_by(scan.cloud.points, first.normals, first.spacing_m, first.sigma_m)
+    first = _quieter(scan.cloud.points, first, told.grown)
     try:
         return flattened(scan, first, options.seed)
     except ReconstructionError:
@@ -142,6 +146,8 @@ def served(
     sight lines label the cells in its place, before any cylinder is tried.
     bores : that the points tell: planes alone close those of few points.   grown : the planes under all points; None: not asked, or too many.
     """
+    given, first = first, _quieter(scan.cloud.points, first, grown)
+    grown = grown if first is given else None
     seen, by_lines = first.source == "sensors", bool(failed(first.checks))
     why = ""
     refused: list[Reconstruction] = []
@@ -184,7 +190,13 @@ def served(
             names = {check.name for check in against}
             differs = DIFFER in names and names <= MISLABELLED
             why = "; ".join(check.name for check in against)
-    return (replace(first, how={**first.how, "not_planar": why}) if best is None else best), tuple(refused)
+    return (replace(given, how={**given.how, "not_planar": why}) if best is None else best), tuple(refused)
+
+
+def _quieter(points: FloatArray, first: Reconstruction, grown: Planes | None) -> Reconstruction:
+    """The surface with the noise that its planes tell, where neighbourhoods that reach round edges have told more than twice as much."""
+    noise = np.nan if grown is None or first.sigma_m <= EXACT else flat_noise_m(points, grown)
+    return replace(first, sigma_m=noise) if noise < LESS * first.sigma_m else first
 
 
 def _or_none(find: Callable[[], Faces]) -> Faces | None:
@@ -240,19 +252,22 @@ def arranged(points: FloatArray, every: Shapes, spacing_m: float, sigma_m: float
     planes, n_flat = every.planes, every.n_flat
     low, high = points.min(axis=0), points.max(axis=0)
     margin = MARGIN * float(np.linalg.norm(high - low)) + 4.0 * spacing_m
-    space = Arrangement(planes.normal, planes.offset, low - margin, high + margin)
+    apart = parting(points, every)
+    normal, offset = np.vstack([planes.normal, apart.normal]), np.append(planes.offset, apart.offset)
+    space = Arrangement(normal, offset, low - margin, high + margin)
     reach = REACH * spacing_m + 3.0 * sigma_m
     for k in range(n_flat):
         own = _sample(points, planes, np.array([k]))
         if len(own):
             cut = range(space.n_cells) if n_flat <= CUT_ALL else space.holding(_spread(own, planes.plane(k), reach, spacing_m))
             space.cut(k, cut)
-    group = list(range(space.n_cells))
+    group = apart.cut(space, len(planes))
+    few = n_flat <= CUT_ALL and len(every.rounds) <= CUT_ALL
     for number in range(len(every.rounds)):
         own, surface = _sample(points, planes, every.rows(number)), every.rounds.surfaces[number]
         along = np.concatenate([own + share * reach * surface.axis for share in (-1.0, -0.5, 0.0, 0.5, 1.0)])
         hair = 1e-6 * spacing_m * surface.normals(along)
-        cut = range(space.n_cells) if n_flat <= CUT_ALL else space.holding(np.concatenate([along + hair, along - hair]))
+        cut = range(space.n_cells) if few else space.holding(np.concatenate([along + hair, along - hair]))
         group = cut_round(space, every, number, list(cut), group)
     cells = space.cells()
     numbers = hung_together(cells, np.array(group))
@@ -279,7 +294,7 @@ def _spread(own: FloatArray, plane: Plane, reach: float, spacing_m: float) -> Fl
 
 def _backed(points: FloatArray, every: Shapes, space: Arrangement, cells: Cells, group: IntArray, spacing_m: float) -> FloatArray:
     """(f,) how many points back each facet: those of one shape between the same two groups share theirs by area."""
-    planes, of = every.planes, np.append(every.primitive, np.full(6, -1))  # the box has six sides more
+    planes, of = every.planes, np.append(every.primitive, np.full(int(cells.plane.max()) + 1 - len(every.primitive), -1))  # more: beside, and the box
     pieces: dict[tuple[int, int, int], list[int]] = {}
     for f, (shape, pair) in enumerate(zip(of[cells.plane].tolist(), np.append(group, -1)[cells.cell].tolist(), strict=True)):
         pieces.setdefault((shape, *pair), []).append(f)
@@ -313,7 +328,7 @@ def _votes(cells: Cells, group: IntArray, count: FloatArray, every: Shapes, spac
 
     The inside of a bore a few spacings wide lies within reach of the faces round it, whose points say that it is under them.
     """
-    on = np.flatnonzero(np.append(every.round_of >= 0, np.zeros(6, bool))[cells.plane] & (cells.cell >= 0).all(axis=1))
+    on = np.flatnonzero(np.isin(cells.plane, np.flatnonzero(every.round_of >= 0)) & (cells.cell >= 0).all(axis=1))
     said, sides = VOTE * spacing_m**3 * count[on], group[cells.cell[on]]
     n = int(group.max()) + 1
     before, behind = (np.bincount(sides[:, k], said, minlength=n) for k in (0, 1))

@@ -13,6 +13,7 @@ from scan2fea.kernel.polygons import triangulated
 from scan2fea.kernel.quality import triangle_quality
 from scan2fea.kernel.topology import face_components, surface_topology
 from scan2fea.remeshing import RemeshOptions, remesh
+from scan2fea.simulation.shapes import bracket
 from scan2fea.types import TriangleMesh
 
 
@@ -193,3 +194,15 @@ def test_a_bolt_hole_in_a_long_thin_member_stays_round_within_the_budget():
     assert len(rim) >= 9
     assert np.abs(np.linalg.norm(found.mesh.vertices[hole, :2] - [0.1, 0.1], axis=1) - radius).max() < 0.02 * radius
     assert volume(found.mesh) == pytest.approx(volume(mesh), rel=1e-3)
+
+
+def test_small_bores_of_a_large_plate_stay_round_within_the_budget():
+    """The wide triangles between them took the edges of their rims all over: the budget was spent, and 36 bores came as triangles."""
+    holes = [("a", x, y, 0.004) for x in (0.1, 0.2, 0.3, 0.4) for y in (0.1, 0.2, 0.3, 0.4)]
+    part = bracket(0.5, 0.4, 0.01, 0.5, holes, 0.00002)
+    found = remesh(part, spacing_m=0.0045, sigma_m=0.0)
+    assert len(found.mesh.faces) < 20_000
+    removed = np.pi * 0.004**2 * 0.01 * len(holes)
+    assert abs(volume(found.mesh) - volume(part)) < 0.05 * removed
+    inside = found.mesh.faces[found.mesh.face_region < 0]
+    assert len(inside) >= 2 * 10 * len(holes)

@@ -24,7 +24,7 @@ def edges_distance(start: FloatArray, way: FloatArray, xy: FloatArray) -> tuple[
         best, at, share, odd = np.inf, 0, 0.0, False
         for e in range(len(start)):
             dx, dy = x - start[e, 0], y - start[e, 1]
-            t = min(max((dx * way[e, 0] + dy * way[e, 1]) / square[e], 0.0), 1.0)
+            t = min(max((dx * way[e, 0] + dy * way[e, 1]) / square[e], 0.0), 1.0) if square[e] > 0.0 else 0.0
             ex, ey = dx - t * way[e, 0], dy - t * way[e, 1]
             d = ex * ex + ey * ey
             if d < best:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from scan2fea.kernel.jit import jit
+from scan2fea.remeshing.sizing import GROWTH
 from scan2fea.types import ByteArray, FloatArray, IntArray
 
 FREE, CREASE, CORNER, FROZEN = 0, 1, 2, 3
@@ -106,9 +107,12 @@ def _are_joined(a: int, b: int, origin: IntArray, twin: IntArray, out: IntArray)
 @jit
 def split_edges(
     queue: IntArray, n_vertices: int, n_faces: int, origin: IntArray, twin: IntArray, out: IntArray, sharp: ByteArray, kind: ByteArray,
-    goal: FloatArray, region: IntArray, points: FloatArray,
+    goal: FloatArray, region: IntArray, points: FloatArray, largest: float,
 ) -> tuple[int, int]:  # fmt: skip
-    """Halve each queued half-edge that is longer than LONG times its goal; arrays have room behind n_vertices and n_faces. Returns the new counts."""
+    """Halve each queued half-edge that is longer than LONG times its goal; arrays have room behind n_vertices and n_faces. Returns the new counts.
+
+    largest : what the goal may grow to in the middle of long edges.
+    """
     for h in queue:
         t = twin[h]
         f, g = h // 3, t // 3
@@ -125,7 +129,9 @@ def split_edges(
         n_vertices += 1
         for k in range(3):
             points[m, k] = 0.5 * (points[a, k] + points[b, k])
-        goal[m] = 0.5 * (goal[a] + goal[b])
+        # between two holes of a plate the goal is not that of their rims
+        grown = min(goal[a], goal[b]) + GROWTH * (0.5 * np.sqrt(length) - max(goal[a], goal[b]))
+        goal[m] = max(0.5 * (goal[a] + goal[b]), min(grown, largest))
         kind[m] = CREASE if sharp[h] else FREE
         e, i = 3 * n_faces, 3 * n_faces + 3
         n_faces += 2

@@ -32,7 +32,10 @@ FLOOR = 0.35  # a vertex is not moved where a face falls under this shape, unles
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Work:
-    """The half-edge arrays of `halfedge`, with room behind the first n_vertices and n_faces; they are written to. flat_only : free form is held."""
+    """The half-edge arrays of `halfedge`, with room behind the first n_vertices and n_faces; they are written to. flat_only : free form is held.
+
+    largest : what the goal may grow to along an edge, away from its ends; 0: it does not.
+    """
 
     points: FloatArray
     goal: FloatArray
@@ -45,6 +48,7 @@ class Work:
     n_vertices: int
     n_faces: int
     flat_only: bool = False
+    largest: float = 0.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -61,8 +65,8 @@ class Guide:
     drift_m: float
 
 
-def opened(mesh: TriangleMesh, is_sharp: BoolArray, goal: FloatArray) -> Work:
-    """Work arrays of a closed manifold oriented mesh; is_sharp : (e,) over the rows of its edge table, goal : (n,) metres."""
+def opened(mesh: TriangleMesh, is_sharp: BoolArray, goal: FloatArray, largest: float = 0.0) -> Work:
+    """Work arrays of a closed manifold oriented mesh; is_sharp : (e,) over the rows of its edge table, goal : (n,) metres, largest : as in `Work`."""
     table = edge_table(mesh.faces)
     n, origin = len(mesh.vertices), mesh.faces.ravel().copy()
     out = np.zeros(n, np.int64)
@@ -71,6 +75,7 @@ def opened(mesh: TriangleMesh, is_sharp: BoolArray, goal: FloatArray) -> Work:
     work = Work(
         points=mesh.vertices.copy(), goal=goal.copy(), kind=np.zeros(n, np.uint8), out=out, origin=origin, twin=table.twin.copy(),
         sharp=is_sharp[table.edge_of].astype(np.uint8), region=region, n_vertices=n, n_faces=len(mesh.faces),
+        largest=largest,
     )  # fmt: skip
     return replace(work, kind=_kinds(work))
 
@@ -94,7 +99,7 @@ def compacted(work: Work) -> Work:
     return Work(
         points=work.points[used], goal=work.goal[used], kind=work.kind[used], out=new_half[work.out[used]], origin=packed.ravel().astype(np.int64),
         twin=new_half[work.twin[halves]], sharp=work.sharp[halves], region=work.region[alive], n_vertices=len(used), n_faces=len(alive),
-        flat_only=work.flat_only,
+        flat_only=work.flat_only, largest=work.largest,
     )  # fmt: skip
 
 
@@ -136,7 +141,7 @@ def _split(work: Work, drift: float) -> Work:
         work = _roomy(work, len(long))  # half-edges are numbered anew: the queue is looked up again
         long = _edges_by_length(work, LONG, np.inf)[::-1]
         w = work
-        n, m = split_edges(long, w.n_vertices, w.n_faces, w.origin, w.twin, w.out, w.sharp, w.kind, w.goal, w.region, w.points)
+        n, m = split_edges(long, w.n_vertices, w.n_faces, w.origin, w.twin, w.out, w.sharp, w.kind, w.goal, w.region, w.points, w.largest)
         grew = n > w.n_vertices
         work = replace(work, n_vertices=int(n), n_faces=int(m))
         if not grew:

@@ -79,13 +79,14 @@ class Remeshed(Value):
 class _Aim:
     """What the triangles should be. edge_m, finest_m : where the surface is flat, and where it bends or is thin.   drift_m : how far they may stray.
 
-    crease_deg : edges that turn by more are kept.
+    crease_deg : edges that turn by more are kept.   is_drawn : as in `edge_goal`.
     """
 
     edge_m: float
     finest_m: float
     drift_m: float
     crease_deg: float
+    is_drawn: bool
 
     def finer(self) -> _Aim:
         return replace(self, edge_m=FINER * self.edge_m, finest_m=FINER * self.finest_m, drift_m=FINER * self.drift_m)
@@ -104,6 +105,7 @@ def remesh(
     require(not len(self_intersections(mesh)), MeshingError, "remeshing needs a surface whose faces do not cross: repair it first")
     is_flat = mesh.face_region is not None and bool((mesh.face_region >= 0).all())  # made of planes by the reconstruction
     found = drawn(mesh) if options.planes and (is_flat or sigma_m < DRAWN_NOISE * spacing_m) else None
+    is_drawn = found is not None
     if found is not None:
         edge = options.edge_m or edge_of_drawn(mesh, spacing_m)
         finest, drift = edge / 4, CHORD * edge
@@ -112,7 +114,7 @@ def remesh(
         finest, drift = min(spacing_m, edge), max(sigma_m, DRIFT * spacing_m, 4 * CHORD * (options.edge_m or 0.0))
         found = _flat(mesh, options, spacing_m, sigma_m, edge, is_unbiased)
     crease_deg = CREASE_DEG if sigma_m < EXACT_SCAN * spacing_m else 180.0  # in noise every edge may be sharp
-    aim = _Aim(edge_m=edge, finest_m=finest, drift_m=drift, crease_deg=crease_deg)
+    aim = _Aim(edge_m=edge, finest_m=finest, drift_m=drift, crease_deg=crease_deg, is_drawn=is_drawn)
     result, taken_back, relaxed_how = _fit(found, aim, options)
     far = LOST_SIGMAS * sigma_m + LOST_SPACINGS * spacing_m
     if options.rounds and not options.edge_m and _worn(result, found.mesh, far) > 1:
@@ -173,10 +175,10 @@ def _even(flat: TriangleMesh, planes: tuple[Plane, ...], aim: _Aim, options: Rem
     surface = flat
     for restart in range(RESTARTS):
         is_sharp = sharp_edges(surface, aim.crease_deg)
-        goal = edge_goal(surface, is_sharp, aim.edge_m, aim.finest_m, options.max_faces or FACES)
+        goal, largest = edge_goal(surface, is_sharp, aim.edge_m, aim.finest_m, options.max_faces or FACES, is_drawn=aim.is_drawn)
         give = max(aim.drift_m, CHORD * float(np.median(goal)))
         guide = Guide(surface=free_form(surface), creases=crease_guide(surface, is_sharp), planes=dict(enumerate(planes)), drift_m=give)
-        work, trouble = isotropic(opened(surface, is_sharp, goal), guide, options.rounds)
+        work, trouble = isotropic(opened(surface, is_sharp, goal, largest), guide, options.rounds)
         mesh = closed(work)
         taken_back += len(trouble)
         poor = int((triangle_quality(mesh.vertices, mesh.faces)["min_angle_deg"] < POOR_DEG).sum())

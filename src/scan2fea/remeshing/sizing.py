@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from scan2fea.kernel.measures import face_areas, face_normals, vertex_normals
@@ -15,8 +17,11 @@ WALL_EDGES = 2.0  # of the thickness: longer edges leave flat tets in a wall
 STRIP_EDGES = 2.0  # of the width between two creases: longer edges leave triangles under 27 degrees between them
 GROWTH = 0.3  # of the distance: how fast the goal may change along the surface
 SMOOTHING = 3  # rounds over the normals before curvature is read from them
+TURN = math.radians(30.0)  # of an edge along a curve that was drawn, or fitted: a bolt hole of a few edges is none
 BENT = 0.5  # of all faces: where bends take more, they give way with the rest
 FACE_AREA = 3**0.5 / 4  # of an equilateral triangle of edge 1
+WIDE = 8.0  # faces that a face comes to: in one of more the goal has room to grow
+INSIDE = np.array([[i + 1, j + 1, 13 - i - j] for i in range(13) for j in range(13 - i)]) / 15.0  # places in a triangle, by its corners
 
 
 def _smoothed_normals(mesh: TriangleMesh, table: EdgeTable, is_sharp: BoolArray) -> FloatArray:
@@ -81,9 +86,13 @@ def _of_planes(mesh: TriangleMesh) -> BoolArray:
     return out
 
 
-def edge_goal(mesh: TriangleMesh, is_sharp: BoolArray, edge_m: float, finest_m: float, max_faces: int) -> FloatArray:
-    """(n,) metres: `edge_m` where nothing is tight, down to `finest_m` where it bends, is thin or narrow; longer if faces would be too many.
+def edge_goal(
+    mesh: TriangleMesh, is_sharp: BoolArray, edge_m: float, finest_m: float, max_faces: int, *, is_drawn: bool = False
+) -> tuple[FloatArray, float]:
+    """(n,) metres: `edge_m` where nothing is tight, down to `finest_m` where it bends, is thin or narrow; longer if faces would be too many. And what
+    it may grow to within wide faces, 0 where it is not to.
 
+    is_drawn : faces are as wide as their planes, and curves are what they are drawn as, round to TURN an edge.
     Where bends take less than half of the faces they are kept, and walls and flats give way: a bolt hole in a long member would come as a square.
     """
     is_border = is_sharp & _of_planes(mesh)
@@ -91,18 +100,33 @@ def edge_goal(mesh: TriangleMesh, is_sharp: BoolArray, edge_m: float, finest_m: 
     wall = np.minimum(WALL_EDGES * thickness(mesh), STRIP_EDGES * strip_width(mesh, is_border))
     edges = edge_table(mesh.faces).edges
     areas = face_areas(mesh)
+    is_free = np.ones(len(areas), bool) if mesh.face_region is None else mesh.face_region < 0
     finest, thinnest, chord = finest_m, finest_m, CHORD * edge_m
     for _ in range(30):
-        curved = np.sqrt(np.divide(8 * chord, bend, out=np.full(len(bend), np.inf), where=bend > 0))  # sagitta = L^2 / 8 R
+        radius = np.divide(1.0, bend, out=np.full(len(bend), np.inf), where=bend > 0)
+        curved = np.minimum(np.sqrt(8 * chord * radius), TURN * radius if is_drawn else np.inf)  # sagitta = L^2 / 8 R
         others = np.clip(wall, thinnest, max(edge_m, thinnest))
         goal = graded(np.clip(curved, finest, np.maximum(others, finest)), mesh, edges)
-        n_faces = areas / (FACE_AREA * goal[mesh.faces].mean(1) ** 2)
+        largest = max(edge_m, thinnest) if is_drawn else 0.0
+        n_faces = _n_faces(mesh, areas, goal, largest)
         if n_faces.sum() <= max_faces:
             break
         more = max(1.03, min((n_faces.sum() / max_faces) ** 0.5, 1.5))
         edge_m *= more
         if edge_m > 4 * thinnest:
             thinnest *= 1.1  # even the fine places cost too much
-        if n_faces[(curved < others)[mesh.faces].all(1)].sum() > BENT * max_faces:
+        if n_faces[is_free & (curved < others)[mesh.faces].all(1)].sum() > BENT * max_faces:
             chord, finest = more * chord, max(finest, thinnest)
-    return goal
+    return goal, largest
+
+
+def _n_faces(mesh: TriangleMesh, areas: FloatArray, goal: FloatArray, largest_m: float) -> FloatArray:
+    """(m,) faces that each face comes to. One much wider than the goal at its corners, between two holes of a plate, say, has other goals inside."""
+    corners = goal[mesh.faces]
+    out = areas / (FACE_AREA * corners.mean(1) ** 2)
+    wide = np.flatnonzero((out > WIDE) & (largest_m > 0.0))
+    places = np.einsum("pk,fkc->fpc", INSIDE, mesh.vertices[mesh.faces[wide]])
+    away = np.linalg.norm(places[:, :, None] - mesh.vertices[mesh.faces[wide]][:, None], axis=3)
+    inside = np.minimum((corners[wide][:, None] + GROWTH * away).min(axis=2), np.maximum(largest_m, corners[wide].max(axis=1))[:, None])
+    out[wide] = areas[wide] / FACE_AREA * (inside**-2.0).mean(axis=1)
+    return np.asarray(out)

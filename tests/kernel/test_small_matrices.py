@@ -1,9 +1,14 @@
-"""Small symmetric matrices against LAPACK."""
+"""Small symmetric matrices against LAPACK, products of vectors against numpy."""
 
 import numpy as np
 import pytest
 
-from scan2fea.kernel.small_matrices import eigh_3, solve_definite
+from scan2fea.kernel.small_matrices import cross, eigh_3, solve_definite
+
+
+def test_a_product_of_vectors_has_the_bits_of_numpys():
+    for a, b in np.random.default_rng(0).normal(size=(200, 2, 3)):
+        assert cross(a, b).tobytes() == np.cross(a, b).tobytes()
 
 
 @pytest.mark.parametrize("seed", range(20))

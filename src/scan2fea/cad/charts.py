@@ -107,5 +107,7 @@ def located(points: FloatArray, first: IntArray, flat: FloatArray, order: IntArr
                     if least >= 0:
                         break
         for p in range(first[tile], first[tile + 1]):
-            weights[p] /= weights[p, 0] + weights[p, 1] + weights[p, 2]
+            total = weights[p, 0] + weights[p, 1] + weights[p, 2]
+            for k in range(3):
+                weights[p, k] /= total
     return face, weights

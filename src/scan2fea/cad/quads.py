@@ -189,7 +189,8 @@ def _onto(
 ) -> int:
     """The triangle reached from `f` over triangles that share a vertex, each nearer to `goal` than the last; `out` takes the nearest point there."""
     best = _near(goal, f, vertices, faces, scratch)
-    out[:] = scratch[5]
+    for x in range(3):
+        out[x] = scratch[5, x]
     while not (scratch[3, 0] > 0 and scratch[3, 1] > 0 and scratch[3, 2] > 0):
         here = f
         for k in range(3):
@@ -198,7 +199,8 @@ def _onto(
                 d = _near(goal, fan[q], vertices, faces, scratch)
                 if d < best * (1 - 1e-12):
                     best, f = d, fan[q]
-                    out[:] = scratch[5]
+                    for x in range(3):
+                        out[x] = scratch[5, x]
         if f == here:
             break
         _near(goal, f, vertices, faces, scratch)

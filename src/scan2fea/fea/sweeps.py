@@ -32,7 +32,9 @@ def descend(
     """
     rest = np.zeros(right.shape[1:])
     for i in range(len(right)):
-        rest[:] = right[i]
+        for b in range(rest.shape[0]):
+            for c in range(rest.shape[1]):
+                rest[b, c] = right[i, b, c]
         for k in range(indptr[i], indptr[i + 1]):
             if indices[k] < i:
                 _add(rest, -1.0, blocks[k], x[indices[k]])
@@ -47,7 +49,9 @@ def ascend(indptr: IntArray, indices: IntArray, blocks: FloatArray, diagonal: Fl
     """One block Gauss-Seidel sweep from the last row to the first, in place: the transpose of the one on the way down."""
     rest = np.zeros(right.shape[1:])
     for i in range(len(right) - 1, -1, -1):
-        rest[:] = right[i]
+        for b in range(rest.shape[0]):
+            for c in range(rest.shape[1]):
+                rest[b, c] = right[i, b, c]
         for k in range(indptr[i], indptr[i + 1]):
             if indices[k] != i:
                 _add(rest, -1.0, blocks[k], x[indices[k]])

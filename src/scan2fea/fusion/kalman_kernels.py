@@ -260,26 +260,40 @@ def filtered(
                 s = 0.5 * (s0 + s1)
                 a, b = force[row], force[row + 1]
                 f = (a[0] + s * (b[0] - a[0]), a[1] + s * (b[1] - a[1]), a[2] + s * (b[2] - a[2]))
-                wide[:] = density
+                for i in range(4):
+                    wide[i] = density[i]
                 if is_gap[row + 1]:
                     wide[0], wide[1] = density[0] + _GAP_RATE, density[1] + _GAP_FORCE
                 _advance(x, P, phi, R, w0, w1, f, until - at, world, wide)
             at = until
             if until >= time[row + 1]:
                 row += 1
-        before[0][e], before[1][e], before[2][e] = x, P, phi
+        _put(x, P, e, before[0], before[1])
+        for i in range(N_ERROR):
+            for j in range(N_ERROR):
+                before[2][e, i, j] = phi[i, j]
         told[0][e], told[1][e], told[2][e] = 0.0, 0.0, True
         if kind[e] != KNOT:
             told[0][e], told[1][e], told[2][e] = _measured(kind[e], x, P, z[e], noise[e], antenna, gates)
-        after[0][e], after[1][e] = x, P
+        _put(x, P, e, after[0], after[1])
     return row
+
+
+@jit_ieee
+def _put(x: FloatArray, P: FloatArray, e: int, states: FloatArray, covariances: FloatArray) -> None:
+    """State and covariance into row e of those that are kept."""
+    for i in range(len(x)):
+        states[e, i] = x[i]
+    for i in range(N_ERROR):
+        for j in range(N_ERROR):
+            covariances[e, i, j] = P[i, j]
 
 
 @jit_ieee
 def smoothed(before: tuple[FloatArray, FloatArray, FloatArray], after: tuple[FloatArray, FloatArray], x: FloatArray, P: FloatArray) -> None:
     """Rauch-Tung-Striebel backwards through events, in place of `after`; x, P : smoothed at the last event."""
     n = len(after[0])
-    after[0][n - 1], after[1][n - 1] = x, P
+    _put(x, P, n - 1, after[0], after[1])
     error, scale, step = np.empty(N_ERROR), np.empty(N_ERROR), np.empty(N_ERROR)
     S, B, gain, D = np.empty((N_ERROR, N_ERROR)), np.empty((N_ERROR, N_ERROR)), np.empty((N_ERROR, N_ERROR)), np.empty((N_ERROR, N_ERROR))
     for k in range(n - 2, -1, -1):

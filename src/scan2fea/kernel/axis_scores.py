@@ -43,5 +43,6 @@ def axis_scores(u: FloatArray, slope: FloatArray, basis: FloatArray, twist: Floa
     for a in range(q):
         for b in range(a):
             products[b, a] = products[a, b]
-    moved[degree : 2 * degree] = moved[:degree]
+    for k in range(degree):
+        moved[degree + k] = moved[k]
     return total, products, moved

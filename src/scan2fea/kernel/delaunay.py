@@ -266,7 +266,8 @@ def walk_votes(
         length = math.sqrt(((target[k] - points[v]) ** 2).sum())
         if not length > 0.0:
             continue
-        ray[:3], ray[3:] = points[v], (target[k] - points[v]) / length
+        for a in range(3):
+            ray[a], ray[3 + a] = points[v, a], (target[k, a] - points[v, a]) / length
         t, facet, s = start_tet(points, tets, first, incident, v, ray, work)
         for _ in range(MAX_STEPS):
             if t < 0 or facet < 0 or s >= length or is_box[t]:
@@ -293,7 +294,8 @@ def tet_at(
     out = np.full(len(vertex), -1, np.int64)
     for k in range(len(vertex)):
         v = vertex[k]
-        ray[:3], ray[3:] = points[v], direction[k]
+        for a in range(3):
+            ray[a], ray[3 + a] = points[v, a], direction[k, a]
         t, facet, s = start_tet(points, tets, first, incident, v, ray, work)
         for _ in range(MAX_STEPS):
             if t < 0 or facet < 0 or s >= depth[k]:
@@ -316,7 +318,8 @@ def depth_to(
     out = np.full(len(vertex), np.inf)
     for k in range(len(vertex)):
         v = vertex[k]
-        ray[:3], ray[3:] = points[v], direction[k]
+        for a in range(3):
+            ray[a], ray[3 + a] = points[v, a], direction[k, a]
         t, facet, s = start_tet(points, tets, first, incident, v, ray, work)
         if t >= 0 and mask[t]:
             out[k] = 0.0
@@ -344,7 +347,8 @@ def crossed(
     out, n = np.empty((2, 8 * len(vertex)), np.int64), 0
     for k in range(len(vertex)):
         v = vertex[k]
-        ray[:3], ray[3:] = points[v], direction[k]
+        for a in range(3):
+            ray[a], ray[3 + a] = points[v, a], direction[k, a]
         t, facet, s = start_tet(points, tets, first, incident, v, ray, work)
         for _ in range(MAX_STEPS):
             if t < 0:

@@ -141,7 +141,9 @@ def _slot(neighbors: IntArray, t: int, other: int) -> int:
 @jit_ieee
 def _wider(rows: IntArray, n: int) -> IntArray:
     out = np.full((n, 4), -1)
-    out[: len(rows)] = rows
+    for t in range(len(rows)):
+        for k in range(4):
+            out[t, k] = rows[t, k]
     return out
 
 

@@ -108,7 +108,8 @@ def _nearest(points: FloatArray, tri: FloatArray, boxes: FloatArray, start: IntA
         p = points[i]
         best = nearest_on_triangle(p, tri[last], trial, scratch) * (1 + 1e-12)  # the answer of the point before bounds the search
         row[i] = last
-        weights[i] = trial
+        for k in range(3):
+            weights[i, k] = trial[k]
         top = 1
         stack[0] = 0
         bound[0] = 0.0
@@ -133,7 +134,8 @@ def _nearest(points: FloatArray, tri: FloatArray, boxes: FloatArray, start: IntA
                 if d < best or (d == best and j < row[i]):
                     best = d
                     row[i] = j
-                    weights[i] = trial
+                    for k in range(3):
+                        weights[i, k] = trial[k]
         last = row[i]
         distance[i] = np.sqrt(best)
     return distance, row, weights

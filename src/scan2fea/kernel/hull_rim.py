@@ -39,6 +39,6 @@ def hull_rim(xy: FloatArray) -> FloatArray:
                 is_within = False
                 break
         if not is_within:
-            kept[m] = xy[i]
+            kept[m, 0], kept[m, 1] = xy[i, 0], xy[i, 1]
             m += 1
     return kept[:m].copy()

@@ -53,7 +53,8 @@ def _to_unit(rows: FloatArray) -> None:
     for k in range(len(rows)):
         length = math.sqrt(rows[k, 0] ** 2 + rows[k, 1] ** 2 + rows[k, 2] ** 2)
         if length > 0.0:
-            rows[k] /= length
+            for a in range(3):
+                rows[k, a] /= length
 
 
 def vertex_normals(mesh: TriangleMesh) -> FloatArray:

@@ -28,7 +28,8 @@ def patch_noise(patches: FloatArray, weights: FloatArray) -> tuple[FloatArray, F
     weight, error, terms = np.empty(k), np.empty(k), np.empty((k, QUADRIC_TERMS + 1))
     for i in range(m):
         if len(weights) > 0:
-            weight[:] = weights[i]
+            for j in range(k):
+                weight[j] = weights[i, j]
             rms[i], width[i], used[i] = _quadric(patches[i], weight, error, terms)
         else:
             rms[i], width[i], used[i] = _own_sheet(patches[i], weight, error, terms)

@@ -163,7 +163,8 @@ def _crossing_pairs(tri: FloatArray, faces: IntArray, boxes: FloatArray, start: 
                     if not apart and _faces_cross(tri, faces, normal, size, i, j):
                         if n_found == len(found):
                             more = np.zeros((2 * n_found, 2), np.int64)
-                            more[:n_found] = found
+                            for k in range(n_found):
+                                more[k, 0], more[k, 1] = found[k, 0], found[k, 1]
                             found = more
                         found[n_found, 0], found[n_found, 1] = i, j
                         n_found += 1

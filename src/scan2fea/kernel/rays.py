@@ -79,7 +79,7 @@ def _built(low: FloatArray, high: FloatArray, centre: FloatArray) -> tuple[IntAr
     order = np.arange(n)
     boxes, child = np.zeros((2 * n, 6)), np.zeros((2 * n, 2), np.int64)
     todo = np.zeros((_DEPTH, 5), np.int64)  # first, last, parent, side, depth
-    todo[0] = np.array([0, n, -1, 0, 0])
+    todo[0, 1], todo[0, 2] = n, -1
     top, nodes = 1, 0
     scratch = np.zeros(n, np.int64)
     counts, bins, right = np.zeros(_BINS, np.int64), np.zeros((_BINS, 6)), np.zeros(_BINS)
@@ -205,7 +205,8 @@ def _parted(
         else:
             scratch[behind] = i
             behind += 1
-    rows[left:] = scratch[:behind]
+    for k in range(behind):
+        rows[left + k] = scratch[k]
     return left
 
 

@@ -219,7 +219,8 @@ def _shares(
             out[o] = math.exp(-2.0 * r2 / (radius * radius) - 0.5 * (height / thickness) ** 2) * cosine
             weights += abs(out[o])
         if weights > 0.0:
-            out[first[p] : first[p + 1]] /= weights
+            for o in range(first[p], first[p + 1]):
+                out[o] /= weights
     return out
 
 
@@ -259,7 +260,8 @@ def _of_best_plane(
             cost = abs(height) / thickness + 0.5 * math.sqrt(r2) / radius
             if seen > GLIMPSE and cost < best:
                 best = cost
-                out[p] = normals[q]
+                for a in range(3):
+                    out[p, a] = normals[q, a]
     return out
 
 

@@ -1,14 +1,24 @@
-"""Symmetric matrices of a few rows inside compiled loops, where calls of LAPACK would take longer than the arithmetic."""
+"""Symmetric matrices of a few rows, and a product of vectors, inside compiled loops, where libraries would take longer than the arithmetic."""
 
 from __future__ import annotations
 
 import math
 
-from scan2fea.kernel.jit import jit_ieee
+import numpy as np
+
+from scan2fea.kernel.jit import jit, jit_ieee
 from scan2fea.types import FloatArray
 
 _SWEEPS = 12  # Jacobi's converge quadratically: five are enough
 _ROUNDING = 1e-17  # of the trace
+
+
+@jit
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(3,) a x b. Numba's own `np.cross` copies arrays into parts of another (see `kernel.jit`)."""
+    out = np.empty(3)
+    out[0], out[1], out[2] = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return out
 
 
 @jit_ieee

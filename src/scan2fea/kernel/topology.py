@@ -92,7 +92,8 @@ def _edges(faces: IntArray, n: int) -> tuple[IntArray, IntArray, IntArray, IntAr
             first[min(faces[f, k], faces[f, (k + 1) % 3]) + 1] += 1
     for v in range(n):
         first[v + 1] += first[v]
-    place[:] = first
+    for v in range(n + 1):
+        place[v] = first[v]
     larger, owner = np.empty(half, np.int64), np.empty(half, np.int64)
     for f in range(len(faces)):
         for k in range(3):
@@ -124,7 +125,9 @@ def _sort(key: IntArray, value: IntArray) -> None:
     """Both in place by key, equal ones as they stood: by insertion where few."""
     if len(key) > 64:
         order = np.argsort(key, kind="mergesort")
-        key[:], value[:] = key[order], value[order]
+        keys, values = key[order], value[order]
+        for k in range(len(key)):
+            key[k], value[k] = keys[k], values[k]
         return
     for k in range(1, len(key)):
         at, its = key[k], value[k]

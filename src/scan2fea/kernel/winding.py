@@ -93,20 +93,26 @@ def _gather(
         c = n_leaves + leaf
         for j in range(cuts[leaf], cuts[leaf + 1]):
             mass[c] += weight[j]
-            centre[c] += weight[j] * points[j]
-            total[c] += dipoles[j]
-        centre[c] /= max(mass[c], 1e-300)
+            for a in range(3):
+                centre[c, a] += weight[j] * points[j, a]
+                total[c, a] += dipoles[j, a]
+        for a in range(3):
+            centre[c, a] /= max(mass[c], 1e-300)
         for j in range(cuts[leaf], cuts[leaf + 1]):
-            off[:] = points[j] - centre[c]
+            for a in range(3):
+                off[a] = points[j, a] - centre[c, a]
             _add_moment(moment[c], dipoles[j], off)
             radius[c] = max(radius[c], math.sqrt((off * off).sum()))
     for c in range(n_leaves - 1, 0, -1):
         mass[c] = mass[2 * c] + mass[2 * c + 1]
-        centre[c] = (mass[2 * c] * centre[2 * c] + mass[2 * c + 1] * centre[2 * c + 1]) / max(mass[c], 1e-300)
-        total[c] = total[2 * c] + total[2 * c + 1]
-        moment[c] = moment[2 * c] + moment[2 * c + 1]
+        for a in range(3):
+            centre[c, a] = (mass[2 * c] * centre[2 * c, a] + mass[2 * c + 1] * centre[2 * c + 1, a]) / max(mass[c], 1e-300)
+            total[c, a] = total[2 * c, a] + total[2 * c + 1, a]
+        for a in range(9):
+            moment[c, a] = moment[2 * c, a] + moment[2 * c + 1, a]
         for child in (2 * c, 2 * c + 1):
-            off[:] = centre[child] - centre[c]
+            for a in range(3):
+                off[a] = centre[child, a] - centre[c, a]
             _add_moment(moment[c], total[child], off)
             radius[c] = max(radius[c], math.sqrt((off * off).sum()) + radius[child])
     return centre, radius, total, moment

@@ -237,14 +237,16 @@ def _settled(
         for a in range(3):
             low[a], high[a] = x[:, a].min(), x[:, a].max()
             lift += (x[:, a].mean() - here[a]) * here[3 + a]
-        here[:3] += lift * here[3:6]
+        for a in range(3):
+            here[a] += lift * here[3 + a]
         size = math.sqrt(((high - low) ** 2).sum())
         here, cost = descend(code, here, x, np.ones(len(x)), may, size if size > 0.0 else 1.0, ROUNDS)
         rms = math.sqrt(cost / len(x))
         if not (here[6] > 0.0 and NARROWER * first[6] < here[6] < WIDER * first[6] + sigma):
             own[:] = False
             break
-        before[:] = own
+        for p in range(len(own)):
+            before[p] = own[p]
     return here, rms, own
 
 

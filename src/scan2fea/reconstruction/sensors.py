@@ -9,6 +9,7 @@ import numpy as np
 from scan2fea.kernel.jit import jit
 from scan2fea.kernel.neighbors import k_nearest, slot_of, sorted_into_cells
 from scan2fea.kernel.noise import sampled_rows
+from scan2fea.kernel.small_matrices import cross
 from scan2fea.types import BoolArray, FloatArray, IntArray
 
 REJECTED = 0.05  # share of the rays that may pass through the surface of nearer points
@@ -82,15 +83,19 @@ def _blocked(
     angles = np.zeros(256)
     ray = np.zeros((4, 3))  # origin, direction, and two axes across
     for r in range(len(rows)):
-        ray[0] = points[rows[r]]
+        for a in range(3):
+            ray[0, a] = points[rows[r], a]
         length = math.sqrt(((sensors[r] - ray[0]) ** 2).sum())
         if not length > 0.0:
             continue
-        ray[1] = (sensors[r] - ray[0]) / length
+        for a in range(3):
+            ray[1, a] = (sensors[r, a] - ray[0, a]) / length
         ray[2] = 0.0
         ray[2, np.argmin(np.abs(ray[1]))] = 1.0
-        ray[2] = np.cross(ray[1], ray[2])
-        ray[3] = np.cross(ray[1], ray[2])
+        for axis in (2, 3):
+            across = cross(ray[1], ray[2])
+            for a in range(3):
+                ray[axis, a] = across[a]
         s = 0.0
         while s < length and not out[r]:
             x = ray[0] + s * ray[1]

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from scan2fea.kernel.jit import jit
+from scan2fea.kernel.small_matrices import cross
 from scan2fea.remeshing.sizing import GROWTH
 from scan2fea.types import ByteArray, FloatArray, IntArray
 
@@ -287,7 +288,7 @@ def flip_edges(
         if (m1 * m2).sum() < turn or (m1 * mean).sum() < turn * size or (m2 * mean).sum() < turn * size:
             continue
         ab, cd = points[b] - points[a], points[d] - points[c]
-        across = np.cross(ab, cd)
+        across = cross(ab, cd)
         gap = abs((across * (points[c] - points[a])).sum()) / max(np.sqrt((across * across).sum()), 1e-300)
         if gap > drift or _valence(a, twin, out) <= 3 or _valence(b, twin, out) <= 3 or _are_joined(c, d, origin, twin, out):
             continue
@@ -317,7 +318,8 @@ def move_vertices(
         for share in (1.0, 0.5, 0.2):
             at = points[v] + share * step
             if _fan_accepts(v, at, -1, origin, twin, out, points, turn, floor) >= 0:
-                points[v] = at
+                for x in range(3):
+                    points[v, x] = at[x]
                 count += 1
                 break
     return count

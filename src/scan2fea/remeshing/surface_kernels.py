@@ -252,10 +252,12 @@ def slide(
                     away = _nearest_on_face(trial[v], vertices, faces[f], corner, weights, scratch)
                     if away < best:
                         best, here = away, f
-                        then[:] = weights
+                        for x in range(3):
+                            then[x] = weights[x]
             if here == came:
                 break
-            now[:] = then
+            for x in range(3):
+                now[x] = then[x]
         at[v] = here
         for x in range(3):
             trial[v, x] = now[0] * vertices[faces[here, 0], x] + now[1] * vertices[faces[here, 1], x] + now[2] * vertices[faces[here, 2], x]

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from scan2fea.kernel.jit import jit
+from scan2fea.kernel.small_matrices import cross
 from scan2fea.kernel.topology import edge_table
 from scan2fea.types import FloatArray, IntArray
 
@@ -56,8 +57,8 @@ def _link(beside: IntArray, f: int, old: int, new: int) -> None:
 def _may_turn(p: FloatArray, a: int, b: int, c: int, d: int) -> bool:
     """Would faces (a, d, c) and (d, b, c) look where (a, b, c) and (b, a, d) do?"""
     ab, ac, ad = p[b] - p[a], p[c] - p[a], p[d] - p[a]
-    old = np.cross(ab, ac) + np.cross(ad, ab)
-    one, two = np.cross(ad, ac), np.cross(p[b] - p[d], p[c] - p[d])
+    old = cross(ab, ac) + cross(ad, ab)
+    one, two = cross(ad, ac), cross(p[b] - p[d], p[c] - p[d])
     return bool((one * old).sum() > 0.0 and (two * old).sum() > 0.0)
 
 

@@ -91,7 +91,9 @@ def _covariances(points: FloatArray, low: FloatArray, edge: float) -> FloatArray
         by_cell[c, 2, 0], by_cell[c, 2, 1], by_cell[c, 2, 2] = xz, yz, zz
     out = np.zeros((len(points), 3, 3))
     for p in range(len(points)):
-        out[p] = by_cell[cell_of[p]]
+        for a in range(3):
+            for b in range(3):
+                out[p, a, b] = by_cell[cell_of[p], a, b]
     return out
 
 

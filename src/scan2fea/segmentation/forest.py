@@ -138,7 +138,9 @@ def _tree(
         a, b = first[node], last[node]
         for r in rows[a:b]:
             share[node, label[r]] += weight[label[r]]
-        share[node] /= share[node].sum()
+        total = share[node].sum()
+        for c in range(k):
+            share[node, c] /= total
         if level[node] < depth and b - a >= 2 * least and n + 2 <= most:
             asked = np.argsort(keys[node])[:tried]
             f, at, _ = _best_cut(binned, label, weight, rows[a:b], asked, bins)

@@ -127,5 +127,5 @@ def _assign(columns: FloatArray, centres: FloatArray, labels: IntArray, distance
                 nearer = d2[i] < best[i]
                 best[i] = d2[i] if nearer else best[i]
                 index[i] = c if nearer else index[i]
-        labels[start : start + m] = index[:m]
-        distance[start : start + m] = best[:m]
+        for i in range(m):
+            labels[start + i], distance[start + i] = index[i], best[i]

@@ -148,8 +148,9 @@ def _clipped(vertex: IntArray, at: FloatArray, slack: float) -> IntArray:
             i += 1
         if i == k:
             return out[:count]
-        out[count] = left[i - 1 if i else k - 1], left[i], left[(i + 1) % k]
-        left[i : k - 1] = left[i + 1 : k].copy()
+        out[count, 0], out[count, 1], out[count, 2] = left[i - 1 if i else k - 1], left[i], left[(i + 1) % k]
+        for j in range(i, k - 1):
+            left[j] = left[j + 1]
     return out
 
 

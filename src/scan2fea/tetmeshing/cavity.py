@@ -130,7 +130,8 @@ def best_cone(
         worst = quality[at]
         if worst > best and m <= MOST and not _loses(w, apex, region, n, rim, m):
             best_n, best_m, best = n, m, worst
-            cone[:m] = rim[:m, :3]
+            for k in range(m):
+                cone[k, 0], cone[k, 1], cone[k, 2] = rim[k, 0], rim[k, 1], rim[k, 2]
         if n == len(region):
             break
         if rule == SLIVERS:

@@ -67,10 +67,13 @@ def insert_at(w: Work, t: int, number: int, seed: int, rows: IntArray) -> tuple[
         return 0.0, t
     old = np.empty((taken, 4), np.int64)
     for k in range(taken):
-        old[k] = w.tets[region[k]]
+        for i in range(4):
+            old[k, i] = w.tets[region[k], i]
         must = min(must, quality_of(w, region[k]))  # no more is asked for than what is taken out
     v = w.tally[POINTS]
-    w.points[v], w.held[v] = p, 0
+    for x in range(3):
+        w.points[v, x] = p[x]
+    w.held[v] = 0
     if not fill_cone(w, v, region, taken, cone, faces, rows):
         return 0.0, t
     w.tally[POINTS] += 1

@@ -53,7 +53,8 @@ def _off_flat_side(w: Work, v: int, t: int, out: FloatArray) -> None:
     k = 0
     for i in range(4):
         if w.tets[t, i] != v:
-            face[k] = w.points[w.tets[t, i]]
+            for x in range(3):
+                face[k, x] = w.points[w.tets[t, i], x]
             k += 1
     ux, uy, uz = face[1, 0] - face[0, 0], face[1, 1] - face[0, 1], face[1, 2] - face[0, 2]
     sx, sy, sz = face[2, 0] - face[0, 0], face[2, 1] - face[0, 1], face[2, 2] - face[0, 2]
@@ -88,7 +89,8 @@ def _try(w: Work, v: int, star: IntArray, n: int, d: FloatArray, length: float, 
         if found > must + 1e-9:
             return found
         length /= 2
-    w.points[v] = old
+    for x in range(3):
+        w.points[v, x] = old[x]
     return must
 
 

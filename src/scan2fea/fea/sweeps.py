@@ -32,8 +32,8 @@ def descend(
     """
     rest = np.zeros(right.shape[1:])
     for i in range(len(right)):
-        for b in range(rest.shape[0]):
-            for c in range(rest.shape[1]):
+        for b in range(right.shape[1]):
+            for c in range(right.shape[2]):
                 rest[b, c] = right[i, b, c]
         for k in range(indptr[i], indptr[i + 1]):
             if indices[k] < i:
@@ -49,8 +49,8 @@ def ascend(indptr: IntArray, indices: IntArray, blocks: FloatArray, diagonal: Fl
     """One block Gauss-Seidel sweep from the last row to the first, in place: the transpose of the one on the way down."""
     rest = np.zeros(right.shape[1:])
     for i in range(len(right) - 1, -1, -1):
-        for b in range(rest.shape[0]):
-            for c in range(rest.shape[1]):
+        for b in range(right.shape[1]):
+            for c in range(right.shape[2]):
                 rest[b, c] = right[i, b, c]
         for k in range(indptr[i], indptr[i + 1]):
             if indices[k] != i:
